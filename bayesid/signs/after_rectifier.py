@@ -1,10 +1,10 @@
-"""Efforts that were rectified and low-passed after it: found, and freed of it.
+"""Efforts that were low-passed after the rectifier: detection and correction.
 
-|effort| has a cusp at every zero crossing. A low-pass before the rectifier moves the cusp, one behind it rounds it off
-and lifts it off zero, as no effort could have it. So around every zero crossing of the model's effort p, |effort| is
-compared with both: |h * p + b| and h * |p + b|, each with the h that suits it best and, at every crossing, with the
-error b of the model that does. Each crossing is one observation: its sums of squares give a contrast between -1 and 1,
-symmetric about zero or in favour of the first if there is no low-pass behind the rectifier (:eq:`low-pass-contrast`).
+|effort| has a cusp at every zero crossing. A low-pass before the rectifier moves the cusp; one after it rounds it off
+and lifts it above zero. So around every zero crossing of the model's effort p, |effort| is compared with both |h * p +
+b| and h * |p + b|, each with the best h and, at each crossing, the best model error b. Each crossing is one
+observation. Its sums of squares give a contrast between -1 and 1. Without a low-pass after the rectifier the contrast
+is symmetric about zero or negative (:eq:`low-pass-contrast`).
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ def settle_unfiltered(
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
 ) -> tuple[SignSolution, Segments]:
-    """`settle_signs`, once more on efforts freed of a low-pass after the rectifier where there was one.
+    """`settle_signs`, repeated on corrected efforts if a low-pass after the rectifier is found.
 
     Returns:
-        The signs, whose evidence holds the signals freed of the low-pass, and the segments before any search.
+        The signs, whose log data hold the corrected signals, and the segments before any search.
 
     Raises:
         SolverError: an optimisation failed.
@@ -51,7 +51,7 @@ def settle_unfiltered(
         return sign_solution, segments
     fitted = partial(_fitted, sign_solution, sign_solution.log_data.columns)
     low_pass = min(_tried(signals.rate), key=lambda low_pass: fitted(low_pass)[1])
-    eighths: Array = 2.0 ** (np.arange(-4, 5) / 8)  # of an octave, about what was found
+    eighths: Array = 2.0 ** (np.arange(-4, 5) / 8)  # fractions of an octave about the found cut-off
     finer = _low_passes(low_pass.cutoff * eighths, signals.rate)
     low_pass = min(finer, key=lambda low_pass: fitted(low_pass)[1])
     predicted = fitted(low_pass)[0]
@@ -62,14 +62,14 @@ def settle_unfiltered(
 
 
 def freed(sign_solution: SignSolution, low_pass: LowPass, predicted: Array) -> Signals:
-    """The log with the efforts of its unsigned joints as they were before a low-pass, by what it does to `predicted`.
+    """The log with the unsigned joints' efforts before the low-pass, corrected by its effect on `predicted`.
 
-    What the model, (N, n) N m, leaves of the readings stays as it is, so that no noise is made larger.
+    The residual of the model, (N, n) N m, is kept, so noise is not amplified.
     """
     signals, used = sign_solution.log_data.signals, sign_solution.log_data.used
     read = _read(signals)
-    left = np.sign(predicted) * (read - low_pass.apply(np.abs(predicted), signals.rate))
-    columns = zip(np.where(used, left, 0.0).T, used.T, strict=True)
+    residual = np.sign(predicted) * (read - low_pass.apply(np.abs(predicted), signals.rate))
+    columns = zip(np.where(used, residual, 0.0).T, used.T, strict=True)
     noise = np.array([noise_taken(low_pass, column, which, signals.rate) for column, which in columns])
     after = AfterRectifier(low_pass, read, noise)
     expected = mean_magnitude(predicted, noise)
@@ -80,7 +80,7 @@ def freed(sign_solution: SignSolution, low_pass: LowPass, predicted: Array) -> S
 
 
 def noise_taken(low_pass: LowPass, residual: Array, used: Mask, rate: float) -> float:
-    """Sd of the noise before a low-pass that has not passed, N m, by the residual (N,) behind it (:eq:`noise-taken`).
+    """Sd of the noise that a low-pass removed, N m, from the residual (N,) after it (:eq:`noise-taken`).
 
     The residual's autocovariance is that of sensor noise behind the low-pass plus white noise and exponentially
     correlated ones before it, of variances that are not negative (Lawson and Hanson 1974, chapter 23).
@@ -95,10 +95,10 @@ def noise_taken(low_pass: LowPass, residual: Array, used: Mask, rate: float) -> 
 
 
 def find_low_pass(sign_solution: SignSolution) -> LowPass | None:
-    """The low-pass that |effort| has passed after the rectifier; None where there is no evidence of one.
+    """The low-pass after the rectifier; None without evidence.
 
-    Where the crossings favour one, they are looked at once more after a fit to efforts freed of it: a fit to efforts
-    that lag has crossings elsewhere.
+    If the crossings favour one, the test is repeated after a fit to corrected efforts, as delayed efforts shift the
+    crossings.
     """
     tried = _tried(sign_solution.log_data.signals.rate)
     first = _Crossings.of(sign_solution)
@@ -114,23 +114,22 @@ def find_low_pass(sign_solution: SignSolution) -> LowPass | None:
 
 
 def significance(contrast: Array) -> float:
-    """Probability at most of contrasts (C,) with such a sum, if each is as likely with the other sign.
+    """Bound on the probability of contrasts (C,) with such a sum, if signs are equally likely.
 
-    exp(-S^2 / 2) of the self-normalised sum S, by Hoeffding's inequality: whatever the sizes (de la Pena, Lai and Shao
-    2009, section 2.1). 1 where the sum is negative.
+    exp(-S^2 / 2) for the self-normalised sum S, by Hoeffding's inequality (de la Pena, Lai and Shao 2009, section 2.1).
+    1 if the sum is negative.
     """
     total = float(contrast.sum()) / np.sqrt(max(float(contrast @ contrast), TINY))
     return float(np.exp(-0.5 * max(total, 0.0) ** 2))
 
 
 def _tried(rate: float) -> list[LowPass]:
-    """Half an octave apart."""
     cutoffs = [TUNING.lowest_cutoff * 2.0 ** (0.5 * k) for k in range(TUNING.half_octaves)]
     return _low_passes(np.array(cutoffs), rate)
 
 
 def _low_passes(cutoffs: Array, rate: float) -> list[LowPass]:
-    """Of every shape and of those cut-offs, Hz, that a log of this rate shows."""
+    """Low-passes of every shape with these cut-offs, Hz, up to the limit at this rate."""
     shown = cutoffs[cutoffs < 0.5 * TUNING.cutoff_of_nyquist * rate].tolist()
     return [LowPass(order, cutoff, both) for order, both in TUNING.low_pass_shapes for cutoff in shown]
 
@@ -140,11 +139,10 @@ def _read(signals: Signals) -> Array:
 
 
 def _fitted(sign_solution: SignSolution, columns: Array, low_pass: LowPass) -> tuple[Array, float]:
-    """(N, n) the model's effort, N m, fitted without the cone, and minus the log of how likely the residual is.
+    """(N, n) the model's effort, N m, fitted without the cone, and minus the residual's log-likelihood.
 
-    By least squares to readings behind a low-pass, whose rows are h * (s Y): exact for given signs s, and linear. A
-    model that was fitted to efforts which lag has taken up some of the lag; so the low-pass is chosen by what is left
-    after a fit of its own.
+    Least squares on rows h * (s Y), which is exact for given signs s, and linear. A model fitted to delayed efforts
+    includes part of the delay, so each low-pass gets its own fit.
     """
     signals, used, predicted = sign_solution.log_data.signals, sign_solution.log_data.used, sign_solution.predicted
     sigma = sign_solution.fit.residual.sigma
@@ -163,7 +161,7 @@ def _fitted(sign_solution: SignSolution, columns: Array, low_pass: LowPass) -> t
 
 
 def _least_squares(rows: Array, target: Array) -> Array:
-    """(r,) of least length, columns scaled to the same one."""
+    """(r,) solution of least norm, columns scaled to unit length."""
     hessian = rows.T @ rows
     length = np.sqrt(np.maximum(np.diag(hessian), TINY))
     inverse = np.linalg.pinv(hessian / np.outer(length, length), rcond=1e-9, hermitian=True)
@@ -173,7 +171,7 @@ def _least_squares(rows: Array, target: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Crossings:
-    """C zero crossings of the model's effort, with L samples about each and M in which a low-pass comes to rest."""
+    """C zero crossings of the model's effort, with L samples about each and M more in which a low-pass settles."""
 
     joint: Integers  # (C,) 0-based
     predicted: Array  # (L + 2 M, C) the model's effort, N m
@@ -184,7 +182,7 @@ class _Crossings:
 
     @classmethod
     def of(cls, sign_solution: SignSolution) -> _Crossings:
-        """Those of the unsigned joints, one after the other, mostly in motion and well inside the log."""
+        """Crossings of the unsigned joints, mostly in motion and away from the ends of the log."""
         signals, predicted, noise = sign_solution.log_data.signals, sign_solution.predicted, sign_solution.fit.residual
         reach, settling = round(TUNING.crossing_reach * signals.rate), round(TUNING.low_pass_rest * signals.rate)
         usable = signals.measured & signals.inner & ~signals.signed
@@ -203,7 +201,7 @@ class _Crossings:
 
     @cached_property
     def _mean(self) -> Array:
-        """(L + 2 M, C, G) mean |effort| as a rectifier gives it, by every error of the model."""
+        """(L + 2 M, C, G) mean |effort| after a rectifier, for every model error."""
         return mean_magnitude(self.predicted[..., None] + self._bias, self.white[:, None])
 
     def _inner(self, values: Array) -> Array:
@@ -211,34 +209,34 @@ class _Crossings:
         return values[settling : settling + len(self.read)]
 
     def best_after(self, tried: list[LowPass]) -> LowPass:
-        """The low-pass that, after the rectifier, suits most."""
-        _ = self._mean  # once, and not by every copy of the process
+        """The best low-pass after the rectifier."""
+        _ = self._mean  # computed once before the processes fork
         return tried[_best([partial(self.after, low_pass) for low_pass in tried])]
 
     def best_before(self, tried: list[LowPass]) -> LowPass | None:
-        """The same before the rectifier; None if no low-pass suits better."""
+        """The best low-pass before the rectifier; None if none is better."""
         all_tried = [None, *tried]
         return all_tried[_best([partial(self.before, low_pass) for low_pass in all_tried])]
 
     def after(self, low_pass: LowPass) -> Array:
-        """(C,) sums of squares that a low-pass after the rectifier leaves, (N m)^2."""
+        """(C,) sums of squares for a low-pass after the rectifier, (N m)^2."""
         return self._left(self._inner(low_pass.apply(self._mean, self.rate)))
 
     def before(self, low_pass: LowPass | None) -> Array:
-        """(C,) the same of one before the rectifier, or of none."""
+        """(C,) the same for a low-pass before the rectifier, or none."""
         predicted = self.predicted if low_pass is None else low_pass.apply(self.predicted, self.rate)
         return self._left(mean_magnitude(self._inner(predicted)[..., None] + self._bias, self.white[:, None]))
 
     def _left(self, expected: Array) -> Array:
         spacing = self._bias[:, 1] - self._bias[:, 0]
         squares = ((self.read[..., None] - expected) ** 2).sum(axis=0).min(axis=1)
-        left: Array = squares + len(self.read) * spacing**2 / 12.0  # the errors that are tried tell no finer
-        return left
+        residuals: Array = squares + len(self.read) * spacing**2 / 12.0  # quantisation of the tried errors
+        return residuals
 
     def contrast(self, tried: list[LowPass]) -> Array:
-        """(C',) between -1 and 1: how much better the best low-pass after the rectifier suits than the best before it.
+        """(C',) between -1 and 1: how much better the best low-pass after the rectifier fits than the best before it.
 
-        Of crossings that one of the two explains no worse than the model explains the joint elsewhere.
+        Only crossings at which one of the two fits no worse than the model does elsewhere.
         """
         before, after = self.before(self.best_before(tried)), self.after(self.best_after(tried))
         explained = np.minimum(before, after) <= len(self.read) * self.sd**2
@@ -247,13 +245,13 @@ class _Crossings:
 
 
 def _best(ways: Sequence[Callable[[], Array]]) -> int:
-    """Which of several ways leaves least: the sum of the logarithms, as every crossing has noise of its own."""
-    misfits = [np.log(np.maximum(left, TINY)).sum() for left in in_parallel(ways)]
+    """Index of the best alternative by the sum of logarithms, as each crossing has its own noise level."""
+    misfits = [np.log(np.maximum(misfit, TINY)).sum() for misfit in in_parallel(ways)]
     return int(np.argmin(misfits))
 
 
 def _apart(predicted: Array, usable: Mask, moving: Mask, reach: int, settling: int) -> Integers:
-    """(C, 2) joint and sample of zero crossings, none within reach of another one's."""
+    """(C, 2) joint and sample of zero crossings that are farther apart than `reach`."""
     places = []
     for j in range(predicted.shape[1]):
         last = settling - 1

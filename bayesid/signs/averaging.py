@@ -1,9 +1,9 @@
-"""What a wrong model does to signs: another model that has a say, and doubt where none explains the log.
+"""Bayesian averaging of two models, and lower confidences if no model explains the log.
 
 A model without friction explains |effort| of a friction-dominated joint best with wrong signs: friction that only
-changes its sign looks like a constant once rectified. No noise level shows that; another model does. So where a model
-without some standard effect (`bayesid.effects.STANDARD`) leaves a residual that lasts from sample to sample, the
-signs are searched with these effects too, and both models speak, each with its weight (Bayesian model averaging).
+changes its sign is a constant after the rectifier. No noise estimate shows that, but a second model does. So if a model
+lacks a standard effect (`bayesid.effects.STANDARD`) and its residual is correlated, the signs are searched with these
+effects too. Both models are averaged with their weights (Bayesian model averaging).
 """
 
 from __future__ import annotations
@@ -33,45 +33,47 @@ from bayesid.signs.tuning import TUNING
 
 @dataclass(frozen=True)
 class AveragedSigns:
-    """Signs by the model asked for and, where that is worth asking, by a richer one."""
+    """Signs under the requested model and, if needed, a richer one."""
 
-    asked: SignSolution  # signs under the model asked for
-    sign_solution: SignSolution  # signs under the weightier model, by which segments are cut and signed
-    fit: Fit  # of the model asked for
+    asked: SignSolution  # signs under the requested model
+    sign_solution: SignSolution  # signs under the model of the larger weight; it defines segments and their signs
+    fit: Fit  # of the requested model
     probability: Array  # (N, n) P(sign = +) of every sample, averaged over both models
     weight: float  # of the weightier model
 
     @classmethod
     def alone(cls, asked: SignSolution) -> AveragedSigns:
-        """No other model has a say."""
+        """The requested model alone."""
         return cls(asked, asked, asked.fit, asked.probability, 1.0)
 
     @classmethod
     def of(cls, asked: SignSolution, rival: SignSolution) -> AveragedSigns:
-        """Two models have a say, each with its weight."""
+        """The weighted average of two models."""
         weight = weight_against(rival, asked)
         probability = weight * rival.probability + (1.0 - weight) * asked.probability
         if weight < 0.5:
             return cls(asked, asked, asked.fit, probability, 1.0 - weight)
-        signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it biases the fit
+        signs = (
+            2.0 * rival.probability - 1.0
+        )  # the model's weight says nothing about single signs; it would bias the fit
         fit = fit_signed(replace(asked.log_data, fitted=rival.log_data.fitted), signs)
         return cls(asked, rival, fit, probability, weight)
 
     @property
     def mixed(self) -> Array:
-        """(N, n) P(sign = +) of every sample, over all assignments that nothing excludes too (:eq:`mixed-signs`)."""
+        """(N, n) P(sign = +) of every sample, alternative assignments included (:eq:`mixed-signs`)."""
         return self.sign_solution.mixed_with(self.probability)
 
     @property
     def by_asked(self) -> bool:
-        """Whether the model asked for is the weightier one."""
+        """Whether the requested model has the larger weight."""
         return self.sign_solution is self.asked
 
 
 def average_over_models(
     asked: SignSolution, segments: Segments, search: Search, progress: Progress = SILENT
 ) -> AveragedSigns:
-    """Averages with the signs under all standard effects, where the model lacks some and its residual lasts.
+    """Averages with the signs under all standard effects, if the model lacks some and its residual is correlated.
 
     Raises:
         SolverError: an optimisation failed.
@@ -85,7 +87,7 @@ def average_over_models(
 
 
 def richer_model(sign_solution: SignSolution) -> Model | None:
-    """The model with all standard effects, if it lacks some and its residual lasts; else None."""
+    """The model with all standard effects, if it lacks some and its residual is correlated; else None."""
     residual, signals = sign_solution.fit.residual, sign_solution.log_data.signals
     if signals.signed.all() or np.all(residual.coloured < TUNING.lasting * residual.white):
         return None
@@ -93,7 +95,7 @@ def richer_model(sign_solution: SignSolution) -> Model | None:
 
 
 def with_standard_terms(model: Model, signals: Signals) -> Model | None:
-    """The model with the standard effects that it lacks; None if it lacks none."""
+    """The model with all standard effects; None if it has them."""
     names = {term.name for term in model.terms}
     missing = [name for name in STANDARD if name not in names]
     if not missing:
@@ -112,31 +114,31 @@ def weight_against(rival: SignSolution, asked: SignSolution) -> float:
 
 
 def evidence_gain(rival: SignSolution, asked: SignSolution) -> float:
-    """Fall of the Bayesian information criterion: twice the log of how much likelier a richer model is.
+    """Fall of the Bayesian information criterion from the asked to the richer model.
 
-    Both answer for the same samples, as they were read: what a sensor cannot show is no excuse for other readings.
+    Both models are compared on the same samples and readings, before any sensor correction.
     """
     samples, rate = asked.log_data.used | rival.log_data.used, asked.log_data.signals.rate
-    left, before = (np.maximum(rms_where(one.error, samples), TINY) for one in (rival, asked))
-    time = np.maximum(*(times_of(one.error, samples, rate) for one in (rival, asked)))
+    after, before = (np.maximum(rms_where(solution.error, samples), TINY) for solution in (rival, asked))
+    time = np.maximum(*(times_of(solution.error, samples, rate) for solution in (rival, asked)))
     count = samples.sum(axis=0) / time
-    gain = 2.0 * float(count @ np.log(before / left))
+    gain = 2.0 * float(count @ np.log(before / after))
     more = len(rival.log_data.coefficients) - len(asked.log_data.coefficients)
     return gain - more * float(np.log(count.sum()))
 
 
 def model_error_probabilities(sign_solution: SignSolution) -> Array:
-    """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
+    """(n,) probability, per joint, that signs are arbitrary because the model does not fit the robot.
 
-    A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
-    probability that is conditional on the model follows it. A rule of thumb (:eq:`model_error_probability`), in whether
-    a proof was had, in the lasting error of the joint itself, and in that of the worst joint, unless the other side of
-    the joint would need errors larger still. `bayesid study misfit` shows what it does.
+    A model with a large correlated error finds wrong signs that fit it, for whole joints. All probabilities given the
+    model follow. This rule of thumb (:eq:`model_error_probability`) uses three things: whether there is a proof, the
+    joint's own correlated error, and that of the worst joint. It is weaker if flipping the joint would need a much
+    larger error. `bayesid study misfit` measures it.
     """
     signals, fitted = sign_solution.log_data.signals, sign_solution.log_data.fitted
     square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
     effort = np.sqrt(square / np.maximum(fitted.sum(axis=0), 1))
-    shown = fitted.any(axis=0)  # a joint whose efforts are all in fault shows no error
+    shown = fitted.any(axis=0)  # a joint with only invalid efforts has no error
     error = np.where(shown, sign_solution.fit.noise.coloured / np.maximum(effort, TINY), 0.0)
     proven = sign_solution.signs.search.certified
     if not np.any(error > (TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven)):
@@ -145,7 +147,7 @@ def model_error_probabilities(sign_solution: SignSolution) -> Array:
 
 
 def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
-    """(n,) probability that signs are guesses (:eq:`model_error_probability`), by errors (n,) relative to efforts."""
+    """(n,) probability that signs are arbitrary (:eq:`model_error_probability`), from relative errors (n,)."""
     tolerated, shared = (
         TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven,
         TUNING.shared_error * error.max(),
@@ -156,11 +158,11 @@ def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
 
 
 def tempered_by_outliers(sign_solution: SignSolution, probability: Array) -> Array:
-    """(N, n) P(sign = +) with less confidence where the model explains |effort| with neither sign (:eq:`outliers`).
+    """(N, n) P(sign = +), with less confidence where neither sign explains |effort| (:eq:`outliers`).
 
-    Such samples come in runs, a shock or a vibration of the drive, and their errors are one event. So within the
-    residual's autocorrelation time of an outlier, confidence is bounded by what a sample says of its sign by itself: by
-    a density that falls with the square of the error.
+    Outliers come in runs, such as a shock or a vibration, and count as one event. Within the residual's autocorrelation
+    time of an outlier, the confidence is at most that of a single sample with a density that falls with the square of
+    the error.
     """
     signals, fit = sign_solution.log_data.signals, sign_solution.fit
     effort, predicted = signals.magnitude, np.abs(fit.predicted)
@@ -173,9 +175,9 @@ def tempered_by_outliers(sign_solution: SignSolution, probability: Array) -> Arr
 
 
 def other_side(sign_solution: SignSolution, effort: Array) -> Array:
-    """(n,) error that the model would need besides if a joint's signs were all turned round, relative to effort (n,).
+    """(n,) additional model error needed if all of a joint's signs were flipped, relative to effort (n,).
 
-    Of the joint where it is largest, for those sets of joints turned together that need least.
+    For the set of flipped joints that needs the smallest error, in the joint where it is largest.
     """
     log_data, segments = sign_solution.log_data, sign_solution.signs.fitted
     motion, efforts = log_data.signals.motion, log_data.signals.effort
@@ -193,12 +195,12 @@ def other_side(sign_solution: SignSolution, effort: Array) -> Array:
 def rises_by_joint(
     scaled: NormalEquations, solver: ConeLeastSquares, signs: Integers, n_joints: int
 ) -> Iterator[tuple[list[int], Array]]:
-    """Sets of joints, and (n,) by how much each joint's cost rises if the signs (S,) of the set are turned round."""
+    """Sets of joints, and (n,) rise of each joint's cost if the signs (S,) of the set are flipped."""
     prepared = solver.prepared()
     grams = [scaled.hessian_of(np.flatnonzero(scaled.joint == j)) for j in range(n_joints)]
 
     def costs(assignment: Integers) -> Array:
-        """(n,) of each joint's rows, but for their energy."""
+        """(n,) cost of each joint's rows, without their energy."""
         gradient = assignment[:, None] * scaled.gradient
         beta = prepared.project(prepared.solve(gradient.sum(axis=0)).theta)
         linear = np.bincount(scaled.joint, weights=gradient @ beta, minlength=n_joints)

@@ -1,18 +1,18 @@
-"""The model's error b as a hidden Markov chain on a grid, and its forward-backward smoothing in pieces side by side.
+"""Forward-backward smoothing of the model's error b as a hidden Markov chain on a grid, in parallel pieces.
 
-b is what makes neighbouring samples judge each other's signs: an Ornstein-Uhlenbeck process (:eq:`model-error`), wider
-at standstill, where it must hold all of the static friction. `bayesid.signs.smoothing` looks at it from both sides
-(Rabiner 1989, eqs. 19 to 27), `bayesid.signs.filtering` from the past.
+b is an Ornstein-Uhlenbeck process (:eq:`model-error`), which couples the signs of neighbouring samples. At standstill
+its spread covers the static friction. `bayesid.signs.smoothing` uses both directions (Rabiner 1989, eqs. 19 to 27),
+`bayesid.signs.filtering` the past only.
 
-A step of one chain is too small a thing to do by itself. So chains are cut into pieces of equal length, and a step of
-all pieces is one product of matrices. With which belief a piece is entered is known once the piece before it has an
-end. So all pieces are run twice, and then mended where they are entered otherwise than they were run: chains forget,
-so that little is left to mend, and what comes out is what one run from end to end gives.
+One step of a chain is too little work for a vectorised call. So chains are cut into pieces of equal length, and a step
+of all pieces is one matrix product. A piece's initial distribution is known only after the piece before it. All pieces
+run twice; those whose initial distribution changed then run again. Chains forget their start, so few do. The result
+equals that of a single run.
 
-In motion a chain stays near zero, so that most pieces are smoothed in the middle of the grid alone. Where a belief
-leans against the end of that, which is seen, the piece needs the whole grid.
+In motion b stays near zero, so most pieces use the middle of the grid. A piece whose distribution reaches the end of
+the middle uses the whole grid.
 
-Beliefs are in single precision: sums of positive numbers keep their seven digits, however small they are.
+Distributions are in single precision; sums of positive numbers keep seven digits.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ Single = NDArray[np.float32]
 """Array of floats in single precision."""
 
 TAILS = 4.0
-"""Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible.
-Four is usual (Lange, Little, Taylor 1989). Powers of 2.5 in smoothing and filtering are (nu + 1) / 2."""
+"""Degrees of freedom of the white noise's Student's t, as usual with outliers (Lange, Little, Taylor 1989). Powers of
+2.5 in smoothing and filtering are (nu + 1) / 2."""
 
 _SUM = np.float32(2.0**108)
-"""Of a belief's weights: near the largest single, 2^128, so that products with the least transition are no smaller than
-the smallest normal one. Below that a processor takes many times as long."""
+"""Sum of a distribution's weights: near the largest single, 2^128, so that products with the smallest transition are no
+denormal numbers, which are slow."""
 _BOTH = np.float32(2.0**-98)
-"""By which a belief is made smaller before it meets one of the other direction: their product is a single again."""
+"""Factor on a distribution before it multiplies one of the other direction, so that the product is a single."""
 _SAME = np.float32(1e-4)
-"""Relative difference up to which weights are the same, however small they are: what comes may favour the smallest."""
+"""Relative difference below which weights count as equal; small weights may become large later."""
 
 Weigh = Callable[[Integers, slice], tuple[Single, Single]]
-"""From pieces and values of the grid to two arrays (L, G', R): likelihoods, up to a factor, and a share of each."""
+"""From pieces and grid values to two arrays (L, G', R): likelihoods, up to a factor, and a share of each."""
 
 
 @dataclass(frozen=True)
 class Chain:
-    """The error of one joint's model, on G values."""
+    """The model's error in one joint, on G values."""
 
     grid: Array  # (G,) the values, N m
     moving: Single  # (G, G) rows of transition probabilities in motion
     resting: Single  # (G, G) the same at standstill
-    afresh: Single  # (G,) distribution from which it may start afresh at standstill
-    start: Single  # (G,) and of its first value
-    middle: slice  # the values near which it stays in motion
+    afresh: Single  # (G,) distribution after a restart at standstill
+    start: Single  # (G,) distribution of the first value
+    middle: slice  # the values used in motion
 
     @property
     def whole(self) -> slice:
@@ -63,13 +63,13 @@ class Chain:
         return slice(0, len(self.grid))
 
     def smooth(self, weigh: Weigh, turns: Single, chains: int, wide: Mask) -> tuple[Array, Mask]:
-        """(L, B, K) posterior mean of a share of the likelihood, and which of B pieces turn out to need the whole grid.
+        """(L, B, K) posterior mean of a share of the likelihood, and which of B pieces need the whole grid.
 
         Args:
-            weigh: likelihoods of K chains that are cut into B pieces of L samples; of R rows, a row a piece and chain.
-            turns: (L, B) probability that a chain starts afresh before a sample; positive at standstill only.
+            weigh: likelihoods of K chains in B pieces of L samples, with R rows: one for each piece and chain.
+            turns: (L, B) probability that a chain restarts before a sample; positive at standstill only.
             chains: K.
-            wide: (B,) pieces that are smoothed on the whole grid.
+            wide: (B,) pieces that use the whole grid.
         """
         (length, pieces), rows = turns.shape, turns.shape[1] * chains
         groups = ((wide, self.whole), (~wide, self.middle))
@@ -95,7 +95,7 @@ class Chain:
 
 
 def error_chains(noise: Noise, at_rest: Array, rate: float) -> list[Chain]:
-    """One for each joint of a model whose residual has a noise, and is (n,) N m wide at standstill, at a rate, Hz."""
+    """One chain for each joint: noise of the residual in motion, sd (n,) N m at standstill, rate in Hz."""
     resting_memory, wide = float(np.exp(-1.0 / (TUNING.rest_time * rate))), np.maximum(at_rest, noise.coloured)
     chains = []
     for sd, rest, correlation in zip(noise.coloured, wide, noise.correlation, strict=True):
@@ -123,29 +123,29 @@ def _normal(grid: Array, sd: float) -> Array:
 
 
 def _spread(grid: Array, sd: float, memory: float) -> float:
-    """Sd of an Ornstein-Uhlenbeck process's step, no less than the grid can show."""
+    """Sd of a step of an Ornstein-Uhlenbeck process, at least the grid's resolution."""
     return max(sd * np.sqrt(1.0 - memory**2), TUNING.finest_step * (grid[1] - grid[0]))
 
 
 def _transitions(grid: Array, sd: float, memory: float) -> Array:
     distance = grid[None, :] - memory * grid[:, None]
     density = np.exp(-0.5 * (distance / _spread(grid, sd, memory)) ** 2)
-    density += 1e-30  # beliefs must not die out where model and effort contradict each other
+    density += 1e-30  # keeps distributions positive if model and effort contradict each other
     return density / density.sum(axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
 class _Part:
     window: slice  # part of the grid, G' values
-    rows: Integers  # (R,) which of all rows
+    rows: Integers  # (R,) indices of the rows
     likelihood: Single  # (L, G', R) up to a factor
     share: Single  # (L, G', R) of it
-    turns: Single  # (L, R) probability that the chain starts afresh before a sample
-    turns_after: Single  # (L, R) and after it
+    turns: Single  # (L, R) probability of a restart before a sample
+    turns_after: Single  # (L, R) the same after it
 
     @classmethod
     def of(cls, pieces: Integers, window: slice, weigh: Weigh, turns: Single, chains: int) -> _Part:
-        """Pieces of all chains."""
+        """The rows of some pieces in all chains."""
         rows = (pieces[:, None] * chains + np.arange(chains)).ravel()
         after = np.append(turns.T.ravel()[1:], np.float32(0.0)).reshape(turns.T.shape).T
         before, after = (np.repeat(values[:, pieces], chains, axis=1) for values in (turns, after))
@@ -155,7 +155,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Step:
-    """What becomes of y from one sample to the next: M y in motion, (1 - t) R y + t b a'y at standstill."""
+    """A step of y to the next sample: M y in motion, (1 - t) R y + t b a'y at standstill."""
 
     moving: Single  # (G, G) M
     resting: Single  # (G, G) R
@@ -168,7 +168,7 @@ class _Step:
         return _Step(moving, resting, self.left[window], self.right[window])
 
     def __call__(self, y: Single, turns: Single, out: Single) -> None:
-        """Of (G, R) columns, at standstill where turns (R,) are positive."""
+        """Changes columns (G, R); standstill where turns (R,) are positive."""
         np.matmul(self.moving, y, out=out)
         if turns.any():
             rest = np.flatnonzero(turns)
@@ -178,17 +178,17 @@ class _Step:
 
 
 class _Pass:
-    """What is passed on from sample to sample, forwards, or backwards where the shift is negative.
+    """Messages from sample to sample, forwards, or backwards if the shift is negative.
 
-    Chains are entered with `first` (G,). The shift leads from a row to that of the next piece in this direction.
+    Chains start with `first` (G,). The shift leads from a row to that of the next piece in this direction.
     """
 
     def __init__(self, step: _Step, first: Single, shift: int, n_rows: int) -> None:
         self.step, self.first, self.shift = step, first, shift
-        self.ends = np.zeros((len(first), n_rows), dtype=np.float32)  # what each row passes on to the next piece
+        self.ends = np.zeros((len(first), n_rows), dtype=np.float32)  # last message of each row
 
     def messages(self, parts: list[_Part]) -> list[Single]:
-        """Of every part (L + 1, G', R): before each sample, in the order of this direction, and after the last one."""
+        """Messages of every part (L + 1, G', R): before each sample, in this direction, and after the last one."""
         states = [np.empty((len(part.turns) + 1, *part.likelihood.shape[1:]), dtype=np.float32) for part in parts]
         for part, state in zip(parts, states, strict=True):
             state[0] = _scaled(self.first[part.window, None])
@@ -197,20 +197,19 @@ class _Pass:
             state[0] = entries
         for part, state in zip(parts, states, strict=True):
             self._run(part, state)
-        mended = True
-        while mended:
-            mended = bool(np.any([self._mend(part, state) for part, state in zip(parts, states, strict=True)]))
+        changed = True
+        while changed:
+            changed = bool(np.any([self._rerun(part, state) for part, state in zip(parts, states, strict=True)]))
         return states
 
     def _in_order(self, part: _Part) -> tuple[Single, Single, _Step]:
-        """(L, R) turns and (L, G', R) likelihoods in the order of this direction, and the step."""
+        """(L, R) turns and (L, G', R) likelihoods in this direction, and the step."""
         step = self.step.within(part.window)
         if self.shift > 0:
             return part.turns_after, part.likelihood, step
         return part.turns[::-1], part.likelihood[::-1], step
 
     def _run(self, part: _Part, states: Single) -> None:
-        """Passes on what all rows of a part are entered with."""
         turns, likelihood, step = self._in_order(part)
         weighed = np.empty_like(states[0])
         for i in range(len(turns)):
@@ -218,8 +217,8 @@ class _Pass:
             step(weighed, turns[i], states[i + 1])
         self.ends[part.window, part.rows] = states[-1]
 
-    def _mend(self, part: _Part, states: Single) -> bool:
-        """The same of rows that are entered otherwise than before, until that changes nothing; whether ends change."""
+    def _rerun(self, part: _Part, states: Single) -> bool:
+        """Runs rows with changed initial messages again until nothing changes; whether last messages change."""
         turns, likelihood, step = self._in_order(part)
         rows, state = np.arange(len(part.rows)), self._entries(part)
         for i in range(len(states)):
@@ -236,7 +235,7 @@ class _Pass:
         return True
 
     def _entries(self, part: _Part) -> Single:
-        """(G', R) what rows are entered with."""
+        """(G', R) initial messages of the rows."""
         before, exists = self._before(part)
         entries = self.ends[part.window, before]
         entries[:, ~exists] = self.first[part.window, None]
@@ -247,7 +246,7 @@ class _Pass:
         return np.clip(before, 0, most), (before >= 0) & (before <= most)
 
     def left_out(self, part: _Part) -> Array:
-        """(R,) share of what rows are entered with that a part of the grid leaves out."""
+        """(R,) share of the initial messages outside of a part of the grid."""
         before, exists = self._before(part)
         entered = self.ends[:, before]
         share: Array = 1.0 - entered[part.window].sum(axis=0) / entered.sum(axis=0)

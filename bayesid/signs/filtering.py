@@ -1,8 +1,8 @@
-"""The sign of every sample as it comes, or a few samples later: `bayesid.signs.smoothing` from the past alone.
+"""The sign of every sample in real time, or with a delay of a few samples.
 
-The model's error b is filtered on its grid: a reading weighs the belief about b (:eq:`sample-likelihood`), a step in
-time spreads it (:eq:`model-error`). P(sign = +) is the share of the positive sign in what a reading weighs. Whoever can
-wait for L samples has their likelihoods too, passed backwards (Rabiner 1989, section III.A; fixed-lag smoothing).
+The model's error b is filtered on a grid. A reading multiplies the distribution of b (:eq:`sample-likelihood`), a time
+step spreads it (:eq:`model-error`). P(sign = +) is the positive sign's share. With a delay of L samples, their
+likelihoods are passed backwards too (Rabiner 1989, section III.A; fixed-lag smoothing).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from bayesid.signs.tuning import TUNING
 
 _ONE = np.float32(1.0)
 _LEAST = np.float32(1e-30)
-"""Of a belief's weight: outliers must not empty it."""
+"""Least weight of a distribution, so that outliers do not make it zero."""
 
 
 @dataclass(frozen=True)
 class SignFilter:
-    """The hidden error of n joints on grids of G values; what it makes of readings is kept apart, in `Belief`."""
+    """Filter of the hidden error of n joints on grids of G values; its state is a `Belief`."""
 
     grid: Single  # (n, G) values of b, N m
     white: Array  # (n,) sd of the white noise, N m
@@ -33,15 +33,15 @@ class SignFilter:
     backwards: Single  # (n, G, G) rows of the same
     rest_forwards: Single  # (n, G, G) at standstill
     rest_backwards: Single  # (n, G, G) at standstill
-    afresh: Single  # (n, G) distribution from which b may start afresh at standstill
-    start: Single  # (n, G) and of its first value
-    turns: float  # probability that it does, a step
+    afresh: Single  # (n, G) distribution of b after a restart at standstill
+    start: Single  # (n, G) distribution of its first value
+    turns: float  # probability of a restart in a step
     stride: int  # samples from one step to the next
-    look_ahead: int  # L samples that are waited for
+    look_ahead: int  # L samples of delay
 
     @classmethod
     def of(cls, noise: Noise, at_rest: Array, rate: float, look_ahead: int = 0) -> SignFilter:
-        """Of a model whose residual has a noise, and is (n,) N m wide at standstill, at a rate, Hz."""
+        """From the residual's noise in motion, its sd (n,) N m at standstill, and the rate, Hz."""
         stride = max(1, int(rate / TUNING.fastest_filter))
         steps = rate / stride
         chains = error_chains(noise, at_rest, steps)
@@ -61,16 +61,16 @@ class SignFilter:
         )
 
     def begin(self) -> Belief:
-        """Before the first reading."""
+        """The state before the first reading."""
         return Belief(self.start.copy(), np.ones(len(self.grid), dtype=bool), 0, deque(maxlen=self.look_ahead + 1))
 
     def update(
         self, belief: Belief, reading: Array, predicted: Array, sd: Array, moves: Mask
     ) -> tuple[Array | None, Array]:
-        """(n,) P(sign = +) of the reading L samples ago, None before there is one; and of this one, by the past alone.
+        """(n,) P(sign = +) of the reading L samples ago, None at first; and of this reading from the past only.
 
-        The belief is changed. A reading (n,) is |effort|, N m, nan where there is none; a prediction (n,) has the sd
-        that its motion leaves open; `moves` (n,) is False at standstill.
+        Changes the belief. A reading (n,) is |effort|, N m, nan if missing; a prediction (n,) has an sd (n,) from its
+        motion; `moves` (n,) is False at standstill.
         """
         plus, likelihood = self._weigh(reading, predicted, sd)
         steps, both = belief.count > 0 and belief.count % self.stride == 0, moves & belief.moved
@@ -86,7 +86,7 @@ class SignFilter:
         return self._looked_back(*belief.past) if belief.count > self.look_ahead else None, now
 
     def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
-        """(n, G) likelihoods of b by the positive sign, and by both, up to a factor."""
+        """(n, G) likelihoods of b for the positive sign, and for both, up to a factor."""
         scale = np.maximum(np.sqrt(TAILS * (self.white * self.white + sd * sd)), TUNING.finest_noise * self.grid[:, -1])
         known = np.isfinite(reading)
         all_known = every(known)
@@ -100,7 +100,7 @@ class SignFilter:
         share = np.minimum(least[0], least[1])[:, None] / square
         root = np.sqrt(share)
         share *= share
-        share *= root  # the power (nu + 1) / 2 = 2.5 of four degrees of freedom
+        share *= root  # the power (nu + 1) / 2 = 2.5 for nu = 4
         plus, likelihood = share[0], share[0] + share[1]
         if not all_known:
             plus[~known] = (predicted[:, None] + self.grid > 0.0)[~known]
@@ -122,7 +122,7 @@ class SignFilter:
         return before
 
     def _looked_back(self, oldest: _Past, *later: _Past) -> Array:
-        """(n,) P(sign = +) of the oldest reading that is kept."""
+        """(n,) P(sign = +) of the oldest stored reading."""
         future = np.ones_like(oldest.before)
         for reading in reversed(later):
             future = reading.likelihood * future
@@ -140,20 +140,18 @@ def _single(values: Array | Single | list[Array] | list[Single]) -> Single:
 
 
 class _Past(NamedTuple):
-    """What a reading has said."""
-
-    before: Single  # (n, G) weights of the values of b before it
-    plus: Single  # (n, G) likelihood of each value with the sign +
+    before: Single  # (n, G) weights of b before it
+    plus: Single  # (n, G) likelihood of each value with sign +
     likelihood: Single  # (n, G) with either sign
-    moves: Mask  # (n,) False where a standstill is entered, goes on or is left: by a wide step, as in smoothing
-    step: bool  # whether a step in time comes before
+    moves: Mask  # (n,) False during standstill and at both its ends, which take a wide step, as in smoothing
+    step: bool  # whether a time step comes before it
 
 
 @dataclass
 class Belief:
-    """What has become of readings: the belief about b, and the last L + 1 of them."""
+    """State of a filter: the distribution of b, and the last L + 1 readings."""
 
     weights: Single  # (n, G) of the values of b after the last reading
-    moved: Mask  # (n,) False where the last reading was at standstill
+    moved: Mask  # (n,) False if the last reading was at standstill
     count: int  # readings so far
-    past: deque[_Past]  # of the last L + 1, oldest first, where L is positive
+    past: deque[_Past]  # the last L + 1 readings, oldest first, if L is positive

@@ -1,8 +1,8 @@
-"""What a log wants beyond the terms asked for: effects that its evidence and held-back blocks of it bear out.
+"""Model selection: effects beyond the requested terms that a log's evidence and held-back blocks confirm.
 
-Signs under the terms asked for come first. With them settled, effects are selected by their evidence, one after the
-other, each predicting blocks of the log that had no say better than without it (`regression.selection.forward`). Then
-signs are searched under the completed model, and so on until nothing changes: the last search is what is certified.
+The signs under the requested terms come first. With these signs, forward selection by evidence adds effects that
+predict held-back blocks better (`regression.selection.forward`). Then the signs are searched under the completed model,
+and so on until nothing changes. The last search is the certified one.
 """
 
 from __future__ import annotations
@@ -45,43 +45,43 @@ from bayesid.signs.sign_solution import Reading, SignSolution, restored, settle_
 from bayesid.signs.tuning import TUNING
 
 _PROPOSING = "proposals for what the model explains poorly"
-"""Stage in which models are proposed, each of which takes a search."""
+"""Stage that proposes models, each with a search."""
 
 
 @dataclass(frozen=True)
 class ModelSelection:
-    """What the catalogue had to say."""
+    """Result of model selection."""
 
-    effects: tuple[EnteredEffect, ...]  #: that entered the model, in the order in which they did
-    before: Array  #: (n,) RMS error on held-back blocks of the log without them, N m
-    after: Array  #: (n,) and with them
-    effort: Array  #: (n,) RMS effort there, N m
-    may_enter: bool = True  #: whether effects might enter
-    #: effects that did not enter, with their joints, but widen the uncertainty: to their likely size, relative to what
-    #: is usual (of the geometry, to its tolerance)
+    effects: tuple[EnteredEffect, ...]  #: added to the model, in this order
+    before: Array  #: (n,) RMS error on held-back blocks without them, N m
+    after: Array  #: (n,) the same with them
+    effort: Array  #: (n,) RMS effort of these blocks, N m
+    may_enter: bool = True  #: whether effects were allowed to enter
+    #: effects outside of the model, with their joints, that widen the uncertainty: likely over usual size (of the
+    #: geometry, over its tolerance)
     uncertain: Mapping[str, float] = field(default_factory=dict)
-    too_narrow: tuple[TooNarrow, ...] = ()  #: coefficients whose intervals do not allow for what may be there besides
+    too_narrow: tuple[TooNarrow, ...] = ()  #: coefficients with too narrow intervals, because of confounded effects
 
 
 @dataclass(frozen=True)
 class CompletedSigns:
     """Signs under the completed model."""
 
-    model: Model  # with sensors' distortions too
+    model: Model  # with distortions of sensors
     averaged: AveragedSigns  # signs and fit
-    model_selection: ModelSelection | None  # what entered; None where nobody asked
-    # the same with some of the effects left out, and what is not worth it without them
+    model_selection: ModelSelection | None  # None if not requested
+    # the same without some effects, and without those that fail without them
     without: Callable[[Set[EffectKey]], CompletedSigns] | None = None
 
     @property
     def signals(self) -> Signals:
-        """The log without what the model says of its sensors."""
+        """The log corrected for the sensors' distortions."""
         return self.averaged.asked.log_data.signals
 
     def consistent_with_nothing(self, theta: Array, covariance: Array) -> set[EffectKey]:
-        """Effects to leave out: those with less evidence of all whose numbers do not differ from zero.
+        """Effects to leave out: the half with less evidence of those that may be zero.
 
-        By the model's parameters (P,) and their covariance (P, P), NaN where one is not decided by itself.
+        From the model's parameters (P,) and covariance (P, P), NaN where one is not identifiable.
         """
         effects = () if self.model_selection is None else self.model_selection.effects
         return _least_half(
@@ -91,16 +91,16 @@ class CompletedSigns:
 
 @dataclass(frozen=True)
 class Completing:
-    """How a model is completed."""
+    """Options of model selection."""
 
-    enter: bool  # whether effects may enter the model; else they widen its uncertainty alone
-    kinematics: KinematicTolerance  # how far the robot's geometry may be from its table
-    segmentation: Segmentation  # how efforts are cut
+    enter: bool  # whether effects may enter the model; otherwise they only widen its uncertainty
+    kinematics: KinematicTolerance  # tolerance of the robot's geometry
+    segmentation: Segmentation  # how efforts are cut into segments
 
 
 @dataclass(frozen=True)
-class _Opinion:
-    """Signs under one model, which may hold sensors' distortions that the signals are without."""
+class _SignsUnder:
+    """Signs under one model; the signals are corrected for the sensors' distortions."""
 
     model: Model
     sign_solution: SignSolution
@@ -108,34 +108,34 @@ class _Opinion:
 
 @dataclass(frozen=True)
 class _Searching:
-    """What all searches have in common: the log as it was read, its segments before any search, and how to search."""
+    """Common inputs of all searches: the log as read, the first segments, and the search."""
 
     as_read: Signals
     segments: Segments
     search: Search
     segmentation: Segmentation
 
-    def under(self, model: Model, begun: SignSolution, progress: Progress, also: Sequence[Array] = ()) -> _Opinion:
-        """Signs under a model, from those under another one, and from other ones (N, n)."""
+    def under(self, model: Model, begun: SignSolution, progress: Progress, also: Sequence[Array] = ()) -> _SignsUnder:
+        """Signs under a model, starting from those under another model, and from further ones (N, n)."""
         signals, segments = restored(model, self.as_read), self.segments
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.segmentation)
         found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
-        return _Opinion(model, replace(found, reading=Reading(model, self.as_read)))
+        return _SignsUnder(model, replace(found, reading=Reading(model, self.as_read)))
 
 
 def complete(
     averaged: AveragedSigns, segments: Segments, search: Search, how: Completing, progress: Progress = SILENT
 ) -> CompletedSigns:
-    """Selects effects and settles signs in turn, until neither changes; what did not enter is summed out.
+    """Selects effects and signs in turn until neither changes; the other effects are marginalised.
 
-    Segments are as they were before any search. A search for the model asked for alone lets no effect enter.
+    Segments are those before any search. No effect enters if the search allows only the requested model.
 
     Raises:
         SolverError: an optimisation failed.
     """
     searching = _Searching(averaged.asked.log_data.signals, segments, search, how.segmentation)
-    plain = _Opinion(averaged.asked.model, averaged.asked)
+    plain = _SignsUnder(averaged.asked.model, averaged.asked)
     may_enter, lifted = how.enter and search.any_model, tuple[EnteredEffect, ...]()
     while may_enter and (free := _with_bounds_lifted(plain, searching, progress)) is not plain:
         lifted = (*lifted, *_lifting(free, plain))
@@ -155,9 +155,9 @@ def complete(
 
     def made(rounds: _Rounds) -> CompletedSigns:
         def without(effects: Set[EffectKey]) -> CompletedSigns:
-            left = copy(rounds)
-            left.leave_out(effects, searching, progress)
-            return made(left)
+            reduced = copy(rounds)
+            reduced.leave_out(effects, searching, progress)
+            return made(reduced)
 
         effects, detected = rounds.effects, rounds.detected
         sign_solution, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
@@ -175,63 +175,62 @@ def complete(
     return made(rounds)
 
 
-def _lifting(free: _Opinion, plain: _Opinion) -> list[EnteredEffect]:
-    """The terms that lift bounds of a model, with their evidence together."""
+def _lifting(free: _SignsUnder, plain: _SignsUnder) -> list[EnteredEffect]:
     gain = 0.5 * evidence_gain(free.sign_solution, plain.sign_solution) / LN10
     return [EnteredEffect(effect, gain, ()) for effect in free.model.effects if effect not in plain.model.effects]
 
 
 def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
-    """Those with less evidence than the others, at least one: without them the others may be clear."""
+    """The half with less evidence, at least one; the others may be clear without them."""
     ordered = sorted(effects, key=lambda effect: effect.log10_bayes_factor)
     return {effect.key for effect in ordered[: -(-len(ordered) // 2)]}
 
 
 @dataclass
 class _Rounds:
-    plain: _Opinion  # under the model asked for
-    signs: _Opinion  # under the model that is likeliest so far, which may hold effects that only signs are settled by
-    fit: Fit  # of the model asked for to these signs
+    plain: _SignsUnder  # under the requested model
+    signs: _SignsUnder  # under the likeliest model so far, which may have effects that are not confirmed
+    fit: Fit  # fit of the requested model to these signs
     probability: Array  # (N, n) of these signs
-    completed: _Opinion = field(init=False)  # under the likeliest model that is made of effects that were borne out
+    completed: _SignsUnder = field(init=False)  # under the likeliest model of confirmed effects
     detected: DetectedEffects = field(
         init=False
     )  # by the log: the effects of the completed model, if that is not the plain one
     _last: DetectedEffects | None = None
     _turned: bool = False
-    _tried: dict[int, float] = field(default_factory=dict)  # what joints left when nothing proposed for them was better
+    _tried: dict[int, float] = field(default_factory=dict)  # residual of joints at their last failed proposals
 
     def __post_init__(self) -> None:
         self.completed = self.plain
 
     @classmethod
-    def under(cls, plain: _Opinion, signs: _Opinion) -> _Rounds:
-        """Begun from signs under a richer model."""
+    def under(cls, plain: _SignsUnder, signs: _SignsUnder) -> _Rounds:
+        """Starts from signs under a richer model."""
         probability = signs.sign_solution.probability
         return cls(plain, signs, fit_signed(plain.sign_solution.log_data, 2.0 * probability - 1.0), probability)
 
     def go_through(self, searching: _Searching, *, enter: bool, progress: Progress) -> None:
         """Rounds until nothing changes."""
         for _ in range(TUNING.completion_rounds):
-            if not self.go_on(searching, enter=enter, progress=progress):
+            if not self.one_round(searching, enter=enter, progress=progress):
                 break
 
     @property
     def effects(self) -> tuple[EnteredEffect, ...]:
-        """Of the completed model."""
+        """Effects of the completed model."""
         return () if self.completed is self.plain else self.detected.effects
 
-    def averaged(self, plain: AveragedSigns, first: _Opinion) -> AveragedSigns:
-        """Signs under the completed model and the likeliest, from those before any effect and the likeliest then."""
-        signs = self.signs if _worth_it(self.signs, self.plain) else first
+    def averaged(self, plain: AveragedSigns, first: _SignsUnder) -> AveragedSigns:
+        """Averages the completed with the likeliest model, given the results before any effect."""
+        signs = self.signs if _is_better(self.signs, self.plain) else first
         if self.completed is self.plain and signs is first:
             return plain
         if self.completed is signs:
             return AveragedSigns.alone(signs.sign_solution)
         return AveragedSigns.of(self.completed.sign_solution, signs.sign_solution)
 
-    def go_on(self, searching: _Searching, *, enter: bool, progress: Progress) -> bool:
-        """One more round; whether another one may change anything."""
+    def one_round(self, searching: _Searching, *, enter: bool, progress: Progress) -> bool:
+        """One round; whether another one may change the result."""
         if enter and (better := _with_proposals(self.signs, self._tried, searching, progress)) is not self.signs:
             self._follow(better)
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
@@ -246,7 +245,7 @@ class _Rounds:
             return False
         opinion = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("selected model"))
         if (
-            _worth_it(opinion, self.plain)
+            _is_better(opinion, self.plain)
             and weight_against(opinion.sign_solution, self.completed.sign_solution) >= 0.5
         ):
             self.completed, self.detected = opinion, detected
@@ -257,7 +256,7 @@ class _Rounds:
         return changed or bool(_poor(opinion.sign_solution).any())
 
     def check(self, searching: _Searching, progress: Progress) -> None:
-        """Leaves out of the completed model what how friction turns round near standstill would explain as well."""
+        """Removes effects that an unknown shape of friction near standstill would explain too."""
         if self.completed is self.plain:
             return
         with progress.stage("check of the selected model"):
@@ -266,7 +265,7 @@ class _Rounds:
             self._reduced(detected, searching, progress)
 
     def search_once_more(self, searching: _Searching, progress: Progress) -> None:
-        """Searches under the likeliest model once more: its signs were found on the way, from fewer starts."""
+        """Repeats the search under the likeliest model, whose first search had fewer starts."""
         last = self.signs
         if last is self.plain or last.sign_solution.signs.search.certified:
             return
@@ -275,16 +274,18 @@ class _Rounds:
             self.completed = self.signs
 
     def leave_out(self, effects: Set[EffectKey], searching: _Searching, progress: Progress) -> None:
-        """Leaves effects out of the completed model, and what is not worth it without them."""
+        """Removes effects, and those that fail without them."""
         log_data = self.plain.sign_solution.log_data
         self._reduced(still_detected(log_data, self.fit, self.probability, self.detected, effects), searching, progress)
 
     def _reduced(self, detected: DetectedEffects, searching: _Searching, progress: Progress) -> None:
-        """Completes the model with fewer effects; signs follow where that hardly changes them."""
+        """Completes the model with fewer effects; signs are updated if they hardly change."""
         opinion = self.plain
         if detected.keys:
-            left = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("selected model"))
-            opinion = left if _worth_it(left, self.plain) else self.plain
+            reduced = searching.under(
+                detected.extension.model, self.signs.sign_solution, progress.under("selected model")
+            )
+            opinion = reduced if _is_better(reduced, self.plain) else self.plain
         if self.signs is self.completed and not _changed(
             self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
         ):
@@ -292,29 +293,29 @@ class _Rounds:
         self.completed, self.detected = opinion, detected
 
     def _by_all_signs(self, detected: DetectedEffects) -> DetectedEffects:
-        """Without the effects that another assignment of signs, which nothing excludes, does not bear out."""
+        """Removes effects that another possible assignment of signs does not confirm."""
         log_data, sources = self.plain.sign_solution.log_data, [effect.source for effect in detected.effects]
-        left = detected.keys
+        keys = detected.keys
         for other in self.signs.sign_solution.alternatives if sources else ():
             fit = fit_signed(log_data, 2.0 * other.probability - 1.0)
-            left = left & confirmed(log_data, fit, other.probability, sources).keys
-        if left == detected.keys:
+            keys = keys & confirmed(log_data, fit, other.probability, sources).keys
+        if keys == detected.keys:
             return detected
-        return still_detected(log_data, self.fit, self.probability, detected, detected.keys - left)
+        return still_detected(log_data, self.fit, self.probability, detected, detected.keys - keys)
 
-    def _follow(self, opinion: _Opinion) -> None:
-        self._turned = _joint_turned(
+    def _follow(self, opinion: _SignsUnder) -> None:
+        self._turned = _joint_flipped(
             self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
         )
         self.signs, self.probability = opinion, opinion.sign_solution.probability
         self.fit = fit_signed(self.plain.sign_solution.log_data, 2.0 * self.probability - 1.0)
 
 
-def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
-    """Whether a completed model, each with its own signs, is decisively likelier (Jeffreys 1961, appendix B).
+def _is_better(completed: _SignsUnder, plain: _SignsUnder) -> bool:
+    """Whether a completed model with its own signs is decisively likelier (Jeffreys 1961, appendix B).
 
-    Effects enter given signs that were settled without them; with their own the gain may be another one: in half of
-    Panda's log (study `complete`) a joint turned for less.
+    Effects are selected with the signs of the smaller model, and the gain may differ with their own signs. In half of
+    the Panda log (study `complete`) a joint flipped for less.
     """
     return 0.5 * evidence_gain(completed.sign_solution, plain.sign_solution) > 2.0 * LN10
 
@@ -323,10 +324,10 @@ def _poor(sign_solution: SignSolution) -> Mask:
     return (sign_solution.fit.relative_residual > REGRESSION.poor_fit) & ~sign_solution.log_data.signals.signed
 
 
-def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
-    """Signs under a model some of whose parameters may be negative, if evidence is for it; or as they were.
+def _with_bounds_lifted(plain: _SignsUnder, searching: _Searching, progress: Progress) -> _SignsUnder:
+    """Signs under a model without bounds on some parameters, if evidence supports it; else unchanged.
 
-    Those that are not clearly negative keep their bounds.
+    Parameters that are not clearly negative keep their bounds.
     """
     with progress.stage(_PROPOSING):
         proposal = _poor_robot(plain).without_bounds()
@@ -342,52 +343,58 @@ def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progre
 def _clearly_negative(effect: Effect, sign_solution: SignSolution) -> bool:
     names = [parameter.name for parameter in sign_solution.model.parameters]
     sd = sign_solution.fit.parameter_sd(sign_solution.log_data.coefficients.projection)
-    own = [names.index(name) for name in effect.freed(sign_solution.model.robot)]
-    return bool(np.all(sign_solution.fit.theta[own] < -REGRESSION.significant * sd[own]))
+    indices = [names.index(name) for name in effect.freed(sign_solution.model.robot)]
+    return bool(np.all(sign_solution.fit.theta[indices] < -REGRESSION.significant * sd[indices]))
 
 
-def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Searching, progress: Progress) -> _Opinion:
-    """Signs under the model with effects that were proposed for joints that it explains poorly; or as they were.
+def _with_proposals(
+    opinion: _SignsUnder, tried: dict[int, float], searching: _Searching, progress: Progress
+) -> _SignsUnder:
+    """Signs under the model with effects proposed for poorly explained joints, if better; else unchanged.
 
-    A joint for which nothing was better is not tried again while it is explained about as it was.
+    A joint without success is tried again only when its residual has changed.
     """
     if _poor(opinion.sign_solution).any():
         with progress.stage(_PROPOSING):
             proposals = _poor_robot(opinion).propose()
         opinion = _best_of(opinion, proposals, searching, progress, needed=TUNING.needed_of_robot)
-    for joint in np.flatnonzero(_poor(opinion.sign_solution))[::-1].tolist():  # from the tip, whose effects stay there
+    for joint in np.flatnonzero(_poor(opinion.sign_solution))[
+        ::-1
+    ].tolist():  # from the tip, whose effects act on few joints
         for _ in range(TUNING.most_proposed):
-            left = float(opinion.sign_solution.fit.relative_residual[joint])
-            if abs(left / tried.get(joint, np.inf) - 1.0) < TUNING.explained_alike:
+            residual = float(opinion.sign_solution.fit.relative_residual[joint])
+            if abs(residual / tried.get(joint, np.inf) - 1.0) < TUNING.explained_alike:
                 break
             better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
             if better is opinion:
-                tried[joint] = left
+                tried[joint] = residual
                 break
             opinion = better
     return opinion
 
 
-def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progress: Progress) -> _Opinion:
+def _with_proposal(opinion: _SignsUnder, joint: int, searching: _Searching, progress: Progress) -> _SignsUnder:
     if not _poor(opinion.sign_solution)[joint]:
         return opinion
     with progress.stage(_PROPOSING):
         log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
         poor = PoorJoint.of(log, opinion.sign_solution.signs.segments, joint)
-        proposed = (one for one in propose(poor, log.library(joint)) if _key(one.effects[0]) not in known)
+        proposed = (
+            proposal for proposal in propose(poor, log.library(joint)) if _key(proposal.effects[0]) not in known
+        )
         proposals = list(islice(proposed, TUNING.most_rivals))
     return _best_of(opinion, proposals, searching, progress)
 
 
 def _best_of(
-    opinion: _Opinion,
+    opinion: _SignsUnder,
     proposals: Sequence[Proposal],
     searching: _Searching,
     progress: Progress,
     *,
     needed: float = REGRESSION.needed,
-) -> _Opinion:
-    """Signs under the best of the extended models, if evidence is for it by so many nats; or as they were."""
+) -> _SignsUnder:
+    """Signs under the best proposed model, if its evidence exceeds `needed` nats; else unchanged."""
     sign_solution, rivals = opinion.sign_solution, []
     for proposal in proposals:
         signs = np.where(np.isnan(proposal.signs), 2.0 * sign_solution.probability - 1.0, proposal.signs)
@@ -397,11 +404,11 @@ def _best_of(
     return gains[max(gains)] if max(gains, default=0.0) > needed else opinion
 
 
-def _poor_robot(opinion: _Opinion) -> PoorRobot:
+def _poor_robot(opinion: _SignsUnder) -> PoorRobot:
     return PoorRobot(_signed_log(opinion), opinion.sign_solution.signs.segments, _poor(opinion.sign_solution))
 
 
-def _signed_log(opinion: _Opinion) -> SignedLog:
+def _signed_log(opinion: _SignsUnder) -> SignedLog:
     return SignedLog.of(opinion.sign_solution.log_data, opinion.sign_solution.fit, opinion.sign_solution.probability)
 
 
@@ -412,7 +419,7 @@ def _key(effect: Effect) -> EffectKey:
 def _summed_out(
     averaged: AveragedSigns, entered: Set[EffectKey], detected: DetectedEffects, tolerance: KinematicTolerance
 ) -> tuple[AveragedSigns, tuple[TooNarrow, ...]]:
-    """The fit with all that did not enter, and the geometry, summed out; and what that cannot allow for."""
+    """The fit with the remaining effects and the geometry marginalised, and intervals that stay too narrow."""
     log_data, fit = averaged.asked.log_data, averaged.fit
     rest = [hypothesis for hypothesis in detected.screened if hypothesis.key not in entered]
     nuisance_scales = find_nuisance_scales(log_data, fit, averaged.probability, rest, tolerance)
@@ -437,10 +444,10 @@ def _sizes(averaged: AveragedSigns) -> dict[str, float]:
     return {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
 
 
-def _joint_turned(log_data: LogData, before: Array, after: Array) -> bool:
+def _joint_flipped(log_data: LogData, before: Array, after: Array) -> bool:
     energy = np.where(log_data.used, log_data.signals.effort**2, 0.0)
-    turned = np.where((before >= 0.5) != (after >= 0.5), energy, 0.0).sum(axis=0)
-    return bool(np.any(turned > 0.5 * energy.sum(axis=0)))
+    flipped = np.where((before >= 0.5) != (after >= 0.5), energy, 0.0).sum(axis=0)
+    return bool(np.any(flipped > 0.5 * energy.sum(axis=0)))
 
 
 def _changed(log_data: LogData, before: Array, after: Array) -> bool:

@@ -1,10 +1,10 @@
-"""Effects that a model which explains a joint poorly may lack, proposed before signs are known.
+"""Proposals: effects that a poorly fitting model may lack, before signs are known.
 
-Signs that were found under a poor model suit that model, and so hide what it lacks. So every effect is tried with signs
-of its own: coefficients and signs are fitted in turn until neither changes. An effect of one joint is tried with the
-signs of that joint, the other joints' efforts holding the coefficients that they share; one of the whole robot, and
-parameters that may be negative, with the signs of all joints. The effects whose residual is least, for the numbers that
-they take, are proposed; a search under each decides.
+Signs found under a poor model fit that model, and hide what it lacks. So every effect is tried with its own signs:
+coefficients and signs are fitted in turn until neither changes. An effect of one joint uses that joint's signs; the
+other joints' efforts give a prior on the common coefficients. An effect of the whole robot, and parameters without
+bounds, use the signs of all joints. Effects with the smallest residual, penalised by their numbers, are proposed. A
+search under each decides.
 """
 
 from __future__ import annotations
@@ -32,18 +32,16 @@ from bayesid.signs.tuning import TUNING
 
 @dataclass(frozen=True)
 class _Rows:
-    columns: Array  # (M, m) of the model, those of the effect last
-    magnitude: Array  # (M,) |effort|, N m; what a sensor hides, as it was read
+    columns: Array  # (M, m) of the model, then those of the effect
+    magnitude: Array  # (M,) |effort|, N m; as read where the sensor hides it
     shown: Mask  # (M,) whether the sensor shows it
-    known: Array  # (M,) the effort by the model so far, N m
-    place: Integers  # (M,) which of the log's thinned rows they are
-    segment: Integers  # (M,) of the search so far; -1 where it fitted none
+    known: Array  # (M,) effort of the current model, N m
+    place: Integers  # (M,) index among the log's thinned rows
+    segment: Integers  # (M,) segment of the last search; -1 if it was not fitted
 
 
 @dataclass(frozen=True)
-class _Left:
-    """What a fit leaves of a joint's efforts."""
-
+class _Residual:
     rows: _Rows
     signs: Array  # (M,)
     residual: Array  # (M,) N m
@@ -55,22 +53,22 @@ class _Left:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a model may lack, with signs under it."""
+    """Effects that a model may lack, and signs under them."""
 
-    effects: tuple[Effect, ...]  # one, or one in each of some joints
-    signs: Array  # (N, n) +1 or -1 of all samples; 0 where nothing counts, NaN where a joint's signs stay as they are
+    effects: tuple[Effect, ...]  # one effect, or one in each of some joints
+    signs: Array  # (N, n) +1 or -1 of all samples; 0 for unused samples, NaN where a joint's signs do not change
 
 
 @dataclass(frozen=True)
 class PoorJoint:
-    """One joint that is explained poorly, the others as they are."""
+    """A poorly explained joint; the other joints are fixed."""
 
     log: SignedLog
     joint: int  # 0-based
-    segment: Integers  # (N', n) of the thinned rows; -1 where the search so far fitted none
+    segment: Integers  # (N', n) of the thinned rows; -1 if the last search did not fit them
     weight: float  # sd of the joint's error, N m, its autocorrelation included
     time: float  # autocorrelation time of the joint's error, thinned rows
-    hessian: Array  # (r, r) of the coefficients, by the other joints
+    hessian: Array  # (r, r) of the coefficients, from the other joints
     gradient: Array  # (r,) the same
 
     @classmethod
@@ -91,7 +89,7 @@ class PoorJoint:
         )
 
     def rows(self) -> _Rows:
-        """Without an effect."""
+        """Rows without an effect."""
         used = self.log.data.used[:, self.joint]
         return _Rows(
             columns=self.log.data.columns[used, self.joint],
@@ -110,7 +108,7 @@ class PoorJoint:
         return _of_samples(self.log, thinned)
 
     def rows_under(self, effect: Hypothesis) -> _Rows:
-        """With a term's columns; with columns or readings as a distortion makes them."""
+        """With a term's columns, or with columns and readings changed by a distortion."""
         plain, used = self.rows(), self.log.data.used[:, self.joint]
         if effect.source.linear:
             more = effect.columns.rows[self.joint][used]
@@ -122,28 +120,28 @@ class PoorJoint:
         magnitude = np.where(shown, magnitude, plain.magnitude)
         return replace(plain, columns=columns[:, log_data.coefficients.selected], magnitude=magnitude, shown=shown)
 
-    def left(self, rows: _Rows, signs: Array, predicted: Array, sensor: SensorDistortion | None) -> _Left:
-        """Of signs and predictions (M,), N m: what a sensor hides answers for what is read of it."""
+    def residual_of(self, rows: _Rows, signs: Array, predicted: Array, sensor: SensorDistortion | None) -> _Residual:
+        """Residual of signs and predictions (M,), N m; where a sensor hides the effort, the reading is compared."""
         residual = signs * rows.magnitude - predicted
         if sensor is not None and not np.all(rows.shown):
             effort = np.zeros(self.log.data.used.shape)
             effort[rows.place, self.joint] = predicted
             read = np.abs(sensor.measured(effort)[rows.place, self.joint])
             residual = np.where(rows.shown, residual, rows.magnitude - read)
-        return _Left(rows, signs, residual)
+        return _Residual(rows, signs, residual)
 
-    def effective(self, left: _Left) -> float:
-        """Samples of the joint that count, by the shorter autocorrelation time of what is left and of before."""
+    def effective(self, fit: _Residual) -> float:
+        """Effective samples of the joint, by the shorter autocorrelation time of this residual and the one before."""
         used = self.log.data.used[:, [self.joint]]
         residual = np.zeros(used.shape)
-        residual[left.rows.place, 0] = left.residual
-        return len(left.residual) / max(min(float(times_of(residual, used, self.log.data.rate)[0]), self.time), 1.0)
+        residual[fit.rows.place, 0] = fit.residual
+        return len(fit.residual) / max(min(float(times_of(residual, used, self.log.data.rate)[0]), self.time), 1.0)
 
 
 def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Proposal]:
-    """The effects that explain a joint best, with signs of its own, best first; none where none is worth it.
+    """The best effects for a joint, each with its own signs, best first; empty if none gains enough.
 
-    Judged by half the fall of the Bayesian information criterion, less the choice of the form.
+    The gain is half the fall of the Bayesian information criterion, less the log of the number of forms.
     """
     plain = poor.rows()
     if not len(plain.magnitude):
@@ -155,11 +153,11 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
     for found in in_parallel([partial(_best_form, poor, without, group) for group in groups]):
         if found is not None and found[0] > best.get(found[1].effects[0].effect, (TUNING.proposal_gain,))[0]:
             best[found[1].effects[0].effect] = found
-    return [proposal for _, proposal in sorted(best.values(), key=lambda one: -one[0])]
+    return [proposal for _, proposal in sorted(best.values(), key=lambda gain_and_proposal: -gain_and_proposal[0])]
 
 
-def _best_form(poor: PoorJoint, without: _Left, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
-    """The form of an effect that gains most, in nats, less the choice of the form; None of an empty group."""
+def _best_form(poor: PoorJoint, without: _Residual, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
+    """The form of the largest gain, in nats, less the log of the number of forms; None for an empty group."""
     fits = []
     for hypothesis in group:
         sensor = hypothesis.source if isinstance(hypothesis.source, SensorDistortion) else None
@@ -167,14 +165,14 @@ def _best_form(poor: PoorJoint, without: _Left, group: Sequence[Hypothesis]) -> 
     if not fits:
         return None
     best = min(range(len(fits)), key=lambda k: fits[k].rms)
-    left, count = fits[best], poor.effective(fits[best])
-    more = left.rows.columns.shape[1] - without.rows.columns.shape[1]
-    gain = count * float(np.log(without.rms / left.rms)) - 0.5 * more * float(np.log(count)) - float(np.log(len(group)))
-    return gain, Proposal((group[best].source,), poor.signs_of(left.rows, left.signs))
+    fit, count = fits[best], poor.effective(fits[best])
+    more = fit.rows.columns.shape[1] - without.rows.columns.shape[1]
+    gain = count * float(np.log(without.rms / fit.rms)) - 0.5 * more * float(np.log(count)) - float(np.log(len(group)))
+    return gain, Proposal((group[best].source,), poor.signs_of(fit.rows, fit.signs))
 
 
-def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = None) -> _Left:
-    """The fit that leaves least of a joint's samples: coefficients and signs in turn, from the best of four starts."""
+def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = None) -> _Residual:
+    """The fit of least residual to a joint: coefficients and signs in turn, from the best of four starts."""
     r, shown = len(poor.gradient), rows.shown
     columns, magnitude = rows.columns[shown] / poor.weight, rows.magnitude[shown] / poor.weight
     fit = InTurn(columns, magnitude, poor.hessian, poor.gradient)
@@ -187,19 +185,19 @@ def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = 
         predicted = rows.columns @ beta
         signs = np.where(predicted >= 0.0, 1.0, -1.0)
         signs[shown] = found
-        left = poor.left(rows, signs, predicted, sensor)
-        best = left if best is None or left.rms < best.rms else best
+        residual = poor.residual_of(rows, signs, predicted, sensor)
+        best = residual if best is None or residual.rms < best.rms else best
     assert best is not None  # there are starts
     return best
 
 
 class InTurn:
-    """Coefficients without bounds and signs, fitted in turn.
+    """Unbounded coefficients and signs, fitted in turn.
 
     Args:
         columns: (M, m) in units of the noise.
         magnitude: (M,) |effort| in units of the noise.
-        hessian: (r, r) what other rows say of the first r coefficients.
+        hessian: (r, r) information of other rows on the first r coefficients.
         gradient: (r,) the same.
     """
 
@@ -224,15 +222,15 @@ class InTurn:
         return signs, predicted, beta
 
     def flipped(self, signs: Array, segment: Integers, doubted: Mask) -> Array:
-        """(M,) signs whose segments cost least: whole segments are turned one by one while the cost falls.
+        """(M,) better signs: whole segments are flipped one by one while the cost falls.
 
-        Signs of segments are a binary quadratic problem (DESIGN.md 3); such a search ends in a local optimum, so it
-        begins from many random signs of the segments in doubt. Rows of segment -1 (M,) stay as they are.
+        Signs of segments are a binary quadratic problem, and the search ends in a local optimum. So it starts from many
+        random signs of the doubtful segments. Rows of segment -1 (M,) do not change.
 
         Args:
-            signs: (M,) to begin with.
-            segment: (M,) which segment each row is of.
-            doubted: (M,) whether the row's segment may have any sign; others may turn, but begin as they are.
+            signs: (M,) first signs.
+            segment: (M,) segment of each row.
+            doubted: (M,) whether the row's segment starts with random signs; the others start with theirs.
         """
         names, place = np.unique(segment, return_inverse=True)
         turning = np.zeros((len(names), len(self._others)))
@@ -241,16 +239,16 @@ class InTurn:
         if not len(turning):
             return signs
         quadratic = turning @ self._inverse @ turning.T
-        linear, own = turning @ (self._inverse @ (self._others + fixed)), np.diag(quadratic)
+        linear, diagonal = turning @ (self._inverse @ (self._others + fixed)), np.diag(quadratic)
         random = np.isin(names[names >= 0], segment[doubted])
         flipped = np.random.default_rng(0).choice([-1.0, 1.0], size=(TUNING.sign_starts, len(turning)))
         flipped[:, ~random], flipped[0] = 1.0, 1.0
         pull, going = flipped @ quadratic + linear, np.arange(len(flipped))
         while len(going):
-            gain = own - flipped[going] * pull[going]
+            gain = diagonal - flipped[going] * pull[going]
             best = np.argmax(gain, axis=1)
-            worth = gain[np.arange(len(going)), best] > TUNING.least_turn
-            going, best = going[worth], best[worth]
+            improves = gain[np.arange(len(going)), best] > TUNING.least_turn
+            going, best = going[improves], best[improves]
             flipped[going, best] *= -1.0
             pull[going] += 2.0 * flipped[going, best][:, None] * quadratic[best]
         least = flipped[np.argmax(np.sum(flipped * (pull + linear), axis=1))]
@@ -261,36 +259,32 @@ class InTurn:
 
 @dataclass(frozen=True)
 class _Settled:
-    """Signs and coefficients of all joints, fitted in turn."""
-
-    signs: Array  # (N', n) of thinned rows; 0 where nothing counts
-    left: Array  # (n,) RMS of what is left, N m
+    signs: Array  # (N', n) of thinned rows; 0 for unused rows
+    left: Array  # (n,) RMS residual, N m
     beta: Array  # (r,) coefficients
 
 
 @dataclass(frozen=True)
 class _Form:
-    """A model of the whole robot, on thinned rows."""
-
     columns: Array  # (N', n, r)
     names: list[str]  # of the r coefficients
-    bounded: list[list[int]]  # of each joint, the coefficients that a bound holds
+    bounded: list[list[int]]  # of each joint, the coefficients with a bound
 
 
 @dataclass(frozen=True)
 class PoorRobot:
-    """All joints of a log, for what acts in several of them."""
+    """All joints of a log, for effects in several of them."""
 
     log: SignedLog
-    segments: Segments  # that were searched
-    poor: Mask  # (n,) joints that are explained poorly
+    segments: Segments  # of the last search
+    poor: Mask  # (n,) joints with a poor fit
 
     def without_bounds(self) -> Proposal | None:
-        """The terms that lift the bounds which a fit without any violates; None if that gains too little.
+        """The terms without the bounds that an unbounded fit violates; None if they gain too little.
 
-        Of the two sides of a joint, its signs and all of them turned round, only the bounds of the other parameters of
-        the joint tell: the one that keeps them is taken. Joints are turned all at once, as long as the other bounds
-        want it, or one by one, if that explains the log about as well; what explains it best counts.
+        A joint's signs and their flip have equal cost without bounds; the remaining bounds decide between them. Joints
+        are flipped all at once while these bounds require it, or one by one if the fit is about as good. The best fit
+        wins.
         """
         model = self.log.log_data.model
         joints = range(1, model.robot.n_joints + 1)
@@ -300,23 +294,25 @@ class PoorRobot:
         predicted = self.log.fit.predicted[self.log.rows]
         before = self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted)
         begun, best = self._settled(form, predicted), None
-        for sign_solution in (self._turned_together(form, begun), self._turned_one_by_one(form, begun)):
+        for sign_solution in (self._flipped_together(form, begun), self._flipped_one_by_one(form, begun)):
             value = dict(zip(form.names, sign_solution.beta.tolist(), strict=True))
-            needed = [one for one in lifting if all(value.get(name, 0.0) < 0.0 for name in one.freed(model.robot))]
+            needed = [
+                effect for effect in lifting if all(value.get(name, 0.0) < 0.0 for name in effect.freed(model.robot))
+            ]
             gain = self._gain(before, sign_solution.left) - 0.5 * len(needed) * float(np.log(self._count.sum()))
             if needed and gain > (TUNING.proposal_gain if best is None else best[0]):
                 best = gain, Proposal(tuple(needed), _of_samples(self.log, sign_solution.signs))
         return None if best is None else best[1]
 
     def propose(self) -> list[Proposal]:
-        """Effects of the whole robot, each in its best guess, best first; none that explains no more than none.
+        """Effects of the whole robot, each with its best guess, best first; only those that improve the fit.
 
-        What their numbers cost is weighed after the search: there are few such effects.
+        The penalty for their numbers follows after the search, as there are few such effects.
         """
         model, found = self.log.log_data.model, []
         before = self._settled_under(model).left
         for kind in catalogue.forms().values():
-            guesses = [] if kind.name in {one.name for one in model.effects} else list(kind.guesses(model.robot))
+            guesses = [] if kind.name in {effect.name for effect in model.effects} else list(kind.guesses(model.robot))
             fits = in_parallel([partial(self._settled_under, model.extend(guess)) for guess in guesses])
             gains = [self._gain(before, fit.left) for fit in fits]
             if not guesses:
@@ -325,19 +321,19 @@ class PoorRobot:
             effect, fit = self._sharpened(guesses[best], fits[best])
             if (gain := self._gain(before, fit.left)) > TUNING.proposal_gain:
                 found.append((gain, Proposal((effect,), _of_samples(self.log, fit.signs))))
-        return [proposal for _, proposal in sorted(found, key=lambda one: -one[0])]
+        return [proposal for _, proposal in sorted(found, key=lambda gain_and_proposal: -gain_and_proposal[0])]
 
     def _settled_under(self, model: Model) -> _Settled:
-        """From the signs so far, and from the best ones of all segments of the joints that are explained poorly."""
+        """From the current signs, and from the best ones of all segments of poorly explained joints."""
         form, predicted = self._form(model), self.log.fit.predicted[self.log.rows]
         sign_solution = self._settled(form, predicted)
-        other = self._settled(form, self._segments_turned(form, sign_solution))
-        return self._turned_one_by_one(
+        other = self._settled(form, self._segments_flipped(form, sign_solution))
+        return self._flipped_one_by_one(
             form, other if self._gain(sign_solution.left, other.left) > 0.0 else sign_solution
         )
 
     def _sharpened(self, effect: Effect, sign_solution: _Settled) -> tuple[Effect, _Settled]:
-        """An effect with the numbers that suit the signs under its guess best, by Gauss-Newton, and signs under it."""
+        """An effect with its numbers optimised under the signs of its guess, by Gauss-Newton, and the new signs."""
         if not isinstance(effect, RobotDistortion):
             return effect, sign_solution
         model, used = self.log.log_data.model, self.log.data.used
@@ -346,8 +342,8 @@ class PoorRobot:
         for _ in range(TUNING.sharpened_rounds):
             form, steps = self._form(model.extend(effect)), effect.step * np.eye(count)
             moved = [self._form(model.extend(effect.moved(step))) for step in steps]
-            if any(one.names != form.names for one in moved) or len(form.names) != len(sign_solution.beta):
-                break  # numbers at which the log shows other coefficients
+            if any(other.names != form.names for other in moved) or len(form.names) != len(sign_solution.beta):
+                break  # numbers at which other coefficients are identifiable
             slopes = [(there.columns - form.columns) @ sign_solution.beta / effect.step for there in moved]
             columns = np.concatenate([form.columns, np.stack(slopes, axis=2)], axis=2) / weight[:, None]
             rows, target = columns[used], (sign_solution.signs * magnitude / weight)[used]
@@ -359,14 +355,14 @@ class PoorRobot:
             effect, sign_solution = better, other
         return effect, sign_solution
 
-    def _turned_together(self, form: _Form, sign_solution: _Settled) -> _Settled:
+    def _flipped_together(self, form: _Form, sign_solution: _Settled) -> _Settled:
         for _ in form.bounded:
             if not np.any(flipped := self._wrong_sides(form, sign_solution)):
                 break
             sign_solution = self._settled(form, np.where(flipped, -sign_solution.signs, sign_solution.signs))
         return sign_solution
 
-    def _turned_one_by_one(self, form: _Form, sign_solution: _Settled) -> _Settled:
+    def _flipped_one_by_one(self, form: _Form, sign_solution: _Settled) -> _Settled:
         for _ in form.bounded:
             before = sign_solution
             for j in range(len(form.bounded)):
@@ -381,13 +377,12 @@ class PoorRobot:
         return sign_solution
 
     def _wrong_sides(self, form: _Form, sign_solution: _Settled) -> Mask:
-        """(n,) joints of unknown sign whose bounded parameters are negative in sum."""
+        """(n,) unsigned joints whose bounded parameters have a negative sum."""
         columns, beta = np.abs(form.columns), sign_solution.beta
-        sides = [np.sum(beta[own] * columns[:, j, own].sum(axis=0)) for j, own in enumerate(form.bounded)]
+        sides = [np.sum(beta[indices] * columns[:, j, indices].sum(axis=0)) for j, indices in enumerate(form.bounded)]
         return (np.array(sides) < 0.0) & ~self.log.log_data.signals.signed
 
     def _form(self, model: Model, free: Set[str] = frozenset()) -> _Form:
-        """A model whose parameters of some names may have any sign."""
         coefficients, joints = base_coefficients(model), range(1, model.robot.n_joints + 1)
         names = list(coefficients.names)
         bounded = [model.parameters[k] for k in model.cone.nonnegative]
@@ -400,7 +395,7 @@ class PoorRobot:
         return count
 
     def _gain(self, before: Array, left: Array) -> float:
-        """Nats by which a joint's residual RMS left (n,) is likelier than the one before."""
+        """Nats by which a joint's residual RMS `left` (n,) is likelier than `before` (n,)."""
         return float(self._count @ np.log(before / left))
 
     def _settled(self, form: _Form, begun: Array) -> _Settled:
@@ -412,8 +407,8 @@ class PoorRobot:
         signs[used], _, beta = self._in_turn(form).from_signs(start[used], known)
         return _Settled(signs, self._rms(signs, form.columns @ beta), beta)
 
-    def _segments_turned(self, form: _Form, sign_solution: _Settled) -> Array:
-        """(N', n) the best signs of whole segments, where those of joints that are explained poorly are in doubt."""
+    def _segments_flipped(self, form: _Form, sign_solution: _Settled) -> Array:
+        """(N', n) the best signs of whole segments; those of poorly explained joints start at random."""
         used, signals = self.log.data.used, self.log.log_data.signals
         segment = np.where(signals.signed, -1, _segment_of(self.log, self.segments))
         doubted = np.broadcast_to(self.poor, used.shape)
@@ -434,7 +429,7 @@ class PoorRobot:
 
 
 def _noise_of(log: SignedLog) -> tuple[Array, Array]:
-    """(n,) sd of each joint's error, N m, its autocorrelation included; and (n,) that, in thinned rows."""
+    """(n,) sd of each joint's error, N m, with autocorrelation; and (n,) the autocorrelation time, thinned rows."""
     log_data, predicted = log.log_data, log.fit.predicted
     time = times_of(log_data.signals.nearest(predicted) - predicted, log_data.used, log_data.signals.rate)
     time = np.maximum(time / (log_data.signals.rate / log.data.rate), 1.0)
@@ -442,14 +437,14 @@ def _noise_of(log: SignedLog) -> tuple[Array, Array]:
 
 
 def _segment_of(log: SignedLog, segments: Segments) -> Integers:
-    """(N', n) of the thinned rows; -1 where none is fitted."""
+    """(N', n) segments of the thinned rows; -1 if not fitted."""
     fitted = segments[segments.fitted]
     numbered = fitted.per_sample(np.arange(1, len(fitted) + 1), *log.log_data.used.shape)
     return numbered[log.rows].astype(np.int64) - 1
 
 
 def _of_samples(log: SignedLog, thinned: Array) -> Array:
-    """(N, n) signs of all samples from those of thinned rows (N', n): each sample's is that of the nearest row."""
+    """(N, n) signs of all samples from thinned rows (N', n): that of the nearest row."""
     samples = np.arange(len(log.log_data.signals.motion))
     after = np.clip(np.searchsorted(log.rows, samples), 1, len(log.rows) - 1)
     earlier = samples - log.rows[after - 1] < log.rows[after] - samples

@@ -1,8 +1,8 @@
-"""The signs of the segments: search, split the segments that turn out to cross zero, and search again.
+"""The signs of the segments: search, split the segments that cross zero, and search again.
 
-A proof holds for the noise weights with which its rows were scaled. Other weights need no new proof to be seen through:
-the assignments that come near are those that it lists, its best one with a joint turned round or single segments
-turned, and what a search for candidates finds anew.
+A proof holds for the noise weights that scaled its rows. Other weights need no new proof if the same assignment stays
+best. The competitors are the listed assignments, the best one with a joint or single segments flipped, and the results
+of a search for candidates.
 """
 
 from __future__ import annotations
@@ -32,32 +32,32 @@ from bayesid.signs.tuning import TUNING
 class SegmentSigns:
     """The signs of the segments, from all searches of one log."""
 
-    segments: Segments  # S segments, split where the effort crosses zero
-    search: SearchResult  # the last result, over those that are fitted; its nodes and solves are those of all searches
-    rounds: int  # how often segments were searched until none had to be split
-    unresolved: int  # cuts that the last search still asked for
-    weights: Array  # (n,) noise by which the rows of the last search were scaled, N m
-    proofs: int = 1  # how often the last word was said: again where the final noise weights change the signs
-    # the best assignment and others that cost at most 20 nats more, by the weights of the final fit
+    segments: Segments  # S segments, split at zero crossings of the effort
+    search: SearchResult  # the last result, over the fitted segments; its nodes and solves count all searches
+    rounds: int  # searches until no segment was split
+    unresolved: int  # cuts that the last search still suggests
+    weights: Array  # (n,) noise that scaled the rows of the last search, N m
+    proofs: int = 1  # proofs made; another one if the final noise weights change the signs
+    # the best assignment and others that cost up to 20 nats more, with the weights of the final fit
     near: tuple[Assignment, ...] = ()
 
     @property
     def fitted(self) -> Segments:
-        """The segments that the search has signed."""
+        """The segments that the search used."""
         return self.segments[self.segments.fitted]
 
 
 @dataclass(frozen=True)
 class SignSearch:
-    """What every search of one log shares."""
+    """Common inputs of all searches of a log."""
 
     model: Model  # robot and terms
     coefficients: BaseCoefficients  # the model's r base coefficients
     signals: Signals  # the log
-    search: Search  # how signs are searched
+    search: Search  # the sign search
     progress: Progress = SILENT  # of the stages
-    likely: Sequence[Array] = ()  # (N, n) each, signs that are likely beforehand, between -1 and 1
-    unlisted_probability: float = 0.5  # `SearchResult.unlisted_probability` of the search that these are from
+    likely: Sequence[Array] = ()  # (N, n) each, likely signs, between -1 and 1
+    unlisted_probability: float = 0.5  # `SearchResult.unlisted_probability` of the search that gave them
 
     def run(self, segments: Segments) -> SegmentSigns:
         """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again."""
@@ -73,20 +73,20 @@ class SignSearch:
             last = rounds == TUNING.search_rounds
             if last or not cuts:
                 searched.append(self.search.certify(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
-                turned = not np.array_equal(searched[-1].signs, searched[-2].signs)
+                changed = not np.array_equal(searched[-1].signs, searched[-2].signs)
                 cuts, _ = self._cuts_and_noise(fitted, raw, searched[-1])
-                if last or not cuts or searched[-1].certified or not turned:
+                if last or not cuts or searched[-1].certified or not changed:
                     break
             segments = segments.split(cuts)
         assert sigma is not None  # there was a round
         return SegmentSigns(segments, searched[-1].with_work_of(searched[:-1]), rounds, len(cuts), sigma)
 
     def reweighted(self, searched: SegmentSigns, weights: Array, repeat: bool = True) -> SegmentSigns:
-        """What stays of a search by other noise weights (n,), N m, say those of the final fit.
+        """The result for other noise weights (n,), N m, such as those of the final fit.
 
-        Where the optimum changes a proof is repeated with these weights or, if it may not be, nothing is certified;
-        without a proof the cheaper signs take its place. Where it does not, a segment stays settled if turning it, or
-        its joint, still costs more than Delta.
+        If the optimum changes, the proof is repeated with these weights. If `repeat` is false, nothing is certified
+        then; without a proof the cheaper signs are taken. If it does not change, a segment stays persistent if flipping
+        it, or its joint, still costs more than Delta.
         """
         result, fitted = searched.search, searched.fitted
         if np.all(fitted.known != 0):
@@ -99,7 +99,7 @@ class SignSearch:
         if result.persistent is None:
             if not found.changed:
                 return searched
-            best = result.with_best(  # costs by other weights do not compare: of the new ones nothing is proven
+            best = result.with_best(  # costs of different weights do not compare, so nothing is proven
                 found.best,
                 lower_bound=None if result.lower_bound is None else 0.0,
                 tikhonov=None,
@@ -117,7 +117,7 @@ class SignSearch:
         return replace(searched, search=again, weights=weights, proofs=searched.proofs + 1)
 
     def following(self, searched: SegmentSigns, probability: Array) -> SegmentSigns:
-        """The same with the signs of samples' (N, n) P(sign = +); of these nothing is proven."""
+        """The result with the signs of samples' (N, n) P(sign = +); these are not proven."""
         result, fitted = searched.search, searched.fitted
         problem = replace(self, likely=(2.0 * probability - 1.0,))._problem(
             fitted, self._normal_equations(fitted).scaled(searched.weights), [result]
@@ -146,7 +146,7 @@ class SignSearch:
     ) -> tuple[list[tuple[int, int]], Array]:
         """Where to cut, and (n,) noise, N m: sd of the residual times the root of its autocorrelation time.
 
-        Cuts are by the median |residual| as a normal's sd, which a segment of mixed sign does not inflate.
+        Cuts use the median |residual| scaled to a normal's sd, as a segment of mixed sign does not inflate it.
         """
         effort = self.signals.effort
         signs = segments.per_sample(result.signs, *effort.shape)
@@ -160,7 +160,7 @@ class SignSearch:
 
 
 def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array) -> list[tuple[int, int]]:
-    """(joint, sample) at which to cut: where |effort| is least while the predicted effort goes from clear to clear.
+    """(joint, sample) of cuts: the least |effort| between clear predicted efforts of opposite signs.
 
     Only segments of unknown sign are cut. Both efforts are (N, n), and the residual's sd (n,), N m.
     """
@@ -177,18 +177,18 @@ def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array)
 
 @dataclass(frozen=True)
 class NoiseSensitivity:
-    """What other weights make of a proof."""
+    """Change of a proof with other weights."""
 
-    best: Assignment  # the one that costs least
-    near: tuple[Assignment, ...]  # distinct ones up to 20 nats dearer than the best of the search, that one among them
+    best: Assignment  # the cheapest assignment
+    near: tuple[Assignment, ...]  # distinct ones up to 20 nats above the best of the search, including that one
     changed: bool  # whether another assignment costs less than the best of the search
-    persistent: Mask  # (S,) whether no rival within Delta gives the segment another sign
+    persistent: Mask  # (S,) whether no competitor within Delta has another sign of the segment
 
 
 def noise_sensitivity(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) -> NoiseSensitivity:
-    """Prices what comes near the best assignment of a search; where it has proven something, candidates too.
+    """Prices the assignments close to the best one of a search; if the search has a proof, candidates too.
 
-    The problem is that of the search, with its moments scaled by other weights.
+    The problem is that of the search, with normal equations scaled by other weights.
     """
     inner = Problem(problem.normal_equations, problem.solver(), np.inf)
     known, far = problem.normal_equations.known, max(result.optimality_gap, TUNING.near)
@@ -200,11 +200,11 @@ def noise_sensitivity(problem: SignProblem, result: SearchResult, steps: Steps =
     ]
 
     def priced(roughly: Assignment) -> Assignment:
-        """Precisely, where it may come near."""
+        """The precise cost, if the rough one is low enough."""
         return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + far else roughly
 
     def persistent(start: Callable[[], Assignment]) -> list[Assignment]:
-        """A start, and what settling from it leads to."""
+        """A start, and the local optimum from it."""
         begun = start()
         return [begun, priced(inner.settle(known, begun.theta))]
 

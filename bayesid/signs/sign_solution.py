@@ -1,4 +1,4 @@
-"""Signs under one model: searched segment by segment, smoothed sample by sample, and the fit to them."""
+"""Signs under one model: searched by segments, smoothed by samples, and the fit to them."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ from bayesid.signs.smoothing import sign_probabilities
 from bayesid.signs.tuning import TUNING
 
 _LESS_THAN_HALF = float(np.nextafter(0.5, 0.0))
-"""What is no better than a guess keeps the best assignment's sign: that is written."""
+"""Probability of a sign that keeps the best assignment's sign although it is no more likely than the other."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What sensors make of efforts."""
+    """Sensors that change the efforts."""
 
     model: Model  # with the sensors' distortions
-    signals: Signals  # the log as it was read
+    signals: Signals  # the log as read
 
 
 @dataclass(frozen=True)
 class SignSolution:
     """Signs under one model."""
 
-    log_data: LogData  # the model, the log and the samples that count
-    signs: SegmentSigns  # what the searches gave
-    probability: Array  # (N, n) P(sign = +) of every sample, the parameters taken as known
+    log_data: LogData  # the model, the log and the used samples
+    signs: SegmentSigns  # results of the searches
+    probability: Array  # (N, n) P(sign = +) of every sample, given the parameters
     fit: Fit  # parameters and noise under these signs
-    reading: Reading | None = None  # where sensors show the efforts otherwise
+    reading: Reading | None = None  # set if sensors change the efforts
 
     @property
     def error(self) -> Array:
-        """(N, n) the log's efforts as read less what the model would have read, N m, unknown signs as predicted."""
+        """(N, n) efforts as read minus the readings that the model predicts, N m; unknown signs as predicted."""
         if self.reading is None:
             return self.log_data.signals.nearest(self.predicted) - self.predicted
         read = self.reading.model.read(self.predicted)
@@ -67,40 +67,40 @@ class SignSolution:
 
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """Other assignments that neither a proof nor 20 nats exclude and that differ in much, the likeliest first."""
+        """Other possible assignments that differ in enough energy, the likeliest first."""
         listed = _listed(self)
-        return (*listed, *_turned_joints(self, [one.probability for one in listed]))
+        return (*listed, *_flipped_joints(self, [alternative.probability for alternative in listed]))
 
     @property
     def mixed(self) -> Array:
-        """(N, n) P(sign = +) of every sample, over this assignment and its alternatives (:eq:`mixed-signs`)."""
+        """(N, n) P(sign = +) of every sample, averaged over all alternatives (:eq:`mixed-signs`)."""
         return self.mixed_with(self.probability)
 
     def mixed_with(self, probability: Array) -> Array:
-        """The same where this assignment says (N, n) P(sign = +)."""
+        """The same, with (N, n) P(sign = +) under this assignment."""
         if not self.alternatives:
             return probability
-        odds = np.array([one.odds for one in self.alternatives])
-        every = np.array([probability, *(one.probability for one in self.alternatives)])
+        odds = np.array([alternative.odds for alternative in self.alternatives])
+        every = np.array([probability, *(alternative.probability for alternative in self.alternatives)])
         mixed = np.tensordot(np.append(1.0, odds) / (1.0 + odds.sum()), every, axes=1)
-        own: Array = np.where(probability >= 0.5, np.maximum(mixed, 0.5), np.minimum(mixed, _LESS_THAN_HALF))
-        return own
+        result: Array = np.where(probability >= 0.5, np.maximum(mixed, 0.5), np.minimum(mixed, _LESS_THAN_HALF))
+        return result
 
 
 @dataclass(frozen=True)
 class Alternative:
     """Another assignment of signs."""
 
-    odds: float  # against the best one, exp(-(its cost - the best cost) / 2), at most 1
+    odds: float  # odds against the best one, exp(-(its cost - the best cost) / 2), at most 1
     probability: Array  # (N, n) P(sign = +) of every sample under it
 
 
 @dataclass(frozen=True)
 class Earlier:
-    """Where an earlier log of the robot leads."""
+    """Results of an earlier log of the robot."""
 
     knowledge: CoefficientPrior  # of the parameters
-    theta: Array  # (P,) parameters under which signs are settled too, without a search
+    theta: Array  # (P,) parameters that give another solution without a search
 
 
 def settle_signs(
@@ -113,10 +113,9 @@ def settle_signs(
     begun: SignSolution | None = None,
     also: Sequence[Array] = (),
 ) -> SignSolution:
-    """Searches the signs of segments under a model, smooths them and fits the model to them.
+    """Searches the signs of segments under a model, smooths them and fits the model.
 
-    The search begins from signs under another model where they are given (`begun`), and then from other ones (N, n)
-    between -1 and 1 too (`also`).
+    The search starts from signs under another model (`begun`), and from further ones (N, n) between -1 and 1 (`also`).
 
     Raises:
         SolverError: an optimisation failed.
@@ -152,11 +151,13 @@ def settle_signs(
 
     candidates = in_parallel([by_search, by_earlier])
     time = np.max([fit.residual.autocorrelation for _, fit in candidates], axis=0)
-    count = log_data.fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
+    count = (
+        log_data.fitted.sum(axis=0) / time
+    )  # equal for both; wrong signs give long correlations, which would reduce the count
     first = candidates[0][1]
 
     def disagreement(fit: Fit) -> float:
-        """Minus the logarithm of how probable residuals and parameters are, up to a constant."""
+        """Negative log density of residuals and parameters, up to a constant."""
         return 0.5 * information.misfit(fit.beta) - nats_gained(fit, first, count)
 
     probability, fit = min(candidates, key=lambda candidate: disagreement(candidate[1]))
@@ -164,10 +165,10 @@ def settle_signs(
 
 
 def _by_direction(sign_solution: SignSolution, sign_search: SignSearch) -> SignSolution:
-    """The signs of velocity in joints that the model explains poorly, where these explain |effort| about as well.
+    """The velocity's signs in poorly explained joints, if they explain |effort| about as well.
 
-    A poor model prefers signs that suit what it lacks. Friction opposes every motion; where it decides a joint's effort
-    its sign is the velocity's. So against a poor model it has the odds `friction_odds`.
+    A poor model prefers signs that fit its error. Friction opposes every motion; in a friction-dominated joint the sign
+    of the effort is the velocity's. So it is preferred with the odds `friction_odds`.
     """
     log_data, begun = sign_solution.log_data, sign_solution
     if sign_solution.signs.search.certified:
@@ -191,23 +192,23 @@ def _by_direction(sign_solution: SignSolution, sign_search: SignSearch) -> SignS
 
 
 def _count(log_data: LogData, fit: Fit, other: Fit) -> Array:
-    """(n,) effective samples by the shorter autocorrelation time of two residuals."""
+    """(n,) effective samples, by the shorter autocorrelation time of two residuals."""
     time = np.minimum(fit.residual.autocorrelation, other.residual.autocorrelation)
     count: Array = log_data.fitted.sum(axis=0) / time
     return count
 
 
 def nats_gained(fit: Fit, other: Fit, count: Array) -> float:
-    """By how much likelier the residuals of a fit are than those of another one, each by its own noise, nats.
+    """Log-likelihood ratio of two fits' residuals, each with its own noise, nats.
 
-    Of (n,) effective samples of each joint.
+    `count` (n,) are the effective samples of each joint.
     """
-    left, before = (np.maximum(one.residual.sigma, TINY) for one in (fit, other))
-    return float(count @ np.log(before / left))
+    after, before = (np.maximum(each.residual.sigma, TINY) for each in (fit, other))
+    return float(count @ np.log(before / after))
 
 
 def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> SignSolution:
-    """Samples in the signs of their segments, smoothed by the model, and the fit to them.
+    """The fit to samples in the signs of their segments, smoothed by the model.
 
     Raises:
         SolverError: Clarabel failed.
@@ -222,11 +223,11 @@ def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, se
 
 
 def _listed(sign_solution: SignSolution) -> list[Alternative]:
-    """Of what comes near the best assignment that which differs from it, and among itself, in much of a joint's energy.
+    """Assignments close to the best one that differ from it, and from each other, in enough of a joint's energy.
 
-    Odds are those of unfiltered efforts, in the signs that their samples are expected to have: a low-pass rounds off
-    where |effort| touches zero, which looks like a little negative friction and favours the wrong side of a near tie.
-    The best assignment keeps half of the probability at least.
+    Odds use unfiltered efforts in their expected signs. A low-pass rounds off |effort| at zero, which looks like
+    negative friction and favours the wrong one of two close assignments. The best assignment keeps a probability of at
+    least one half.
     """
     segments = sign_solution.signs.fitted
     energy = segments.sums(sign_solution.log_data.signals.effort**2) * (segments.known == 0)
@@ -250,12 +251,12 @@ def _odds(rise: float) -> float:
     return float(np.exp(-0.5 * max(rise, 0.0)))
 
 
-def _turned_joints(sign_solution: SignSolution, listed: Sequence[Array]) -> list[Alternative]:
-    """Joints turned round whose assignment is as likely by the noise that it leaves itself.
+def _flipped_joints(sign_solution: SignSolution, listed: Sequence[Array]) -> list[Alternative]:
+    """Assignments with flipped joints that are as likely with the noise of their own residual.
 
-    Costs are by the noise of the best assignment. If that is wrong, residuals are correlated and count for little, and
-    the right one may cost much more. Here the residual of a joint counts for the same number of samples on both sides,
-    by the shorter of its two autocorrelation times.
+    The search uses the noise of the best assignment. If that is wrong, residuals are correlated and count little, so
+    the right one may cost more. Here both sides of a joint have equally many samples, by the shorter autocorrelation
+    time.
     """
     log_data, unknown = sign_solution.log_data, np.flatnonzero(~sign_solution.log_data.signals.signed)
     count = log_data.fitted.sum(axis=0)
@@ -277,7 +278,7 @@ def _turned_joints(sign_solution: SignSolution, listed: Sequence[Array]) -> list
     share /= np.maximum(share.sum(axis=0), TINY)
     known, found = [sign_solution.probability, *listed], list[Alternative]()
     for rise, probability in in_parallel([partial(around, joint) for joint in unknown.tolist()]):
-        different = [np.sum(share * ((probability >= 0.5) != (one >= 0.5)), axis=0).max() for one in known]
+        different = [np.sum(share * ((probability >= 0.5) != (other >= 0.5)), axis=0).max() for other in known]
         if rise <= TUNING.near and min(different) > TUNING.different_signs:
             known.append(probability)
             found.append(Alternative(_odds(rise), probability))
@@ -285,7 +286,7 @@ def _turned_joints(sign_solution: SignSolution, listed: Sequence[Array]) -> list
 
 
 def _rises(sign_solution: SignSolution, segments: Segments, assignments: Sequence[Integers]) -> list[float]:
-    """By how much other assignments cost more than the first one, by unfiltered efforts."""
+    """Extra cost of other assignments over the first one, with unfiltered efforts."""
     log_data, expected = sign_solution.log_data, 2.0 * sign_solution.probability - 1.0
     orientation = segments.per_sample(assignments[0], *expected.shape)
     raw = log_data.normal_equations(expected, segments, TUNING.most_individual, orientation, summed_out=False)
@@ -296,15 +297,15 @@ def _rises(sign_solution: SignSolution, segments: Segments, assignments: Sequenc
 
 
 def _weights(fit: Fit) -> Array:
-    """(n,) noise of each joint's effort, N m, as if only every effective sample counted."""
+    """(n,) noise of each joint's effort, N m, including the autocorrelation."""
     weights: Array = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
     return weights
 
 
 def solution_again(sign_solution: SignSolution, signals: Signals, predicted: Array) -> SignSolution:
-    """Signs smoothed by predicted efforts (N, n), N m, and fitted once more under the same model, without a search.
+    """Signs smoothed by predicted efforts (N, n), N m, and a new fit under the same model, without a search.
 
-    `signals` holds the log with other efforts.
+    `signals` may hold other efforts.
     """
     log_data = replace(sign_solution.log_data, signals=signals)
     probability = _smoothed(log_data, predicted)
@@ -313,7 +314,7 @@ def solution_again(sign_solution: SignSolution, signals: Signals, predicted: Arr
 
 
 def restored(model: Model, signals: Signals) -> Signals:
-    """The log as it would be without what the model says of its sensors."""
+    """The log corrected for the model's sensor distortions."""
     magnitude, readable = model.invert_sensor(signals.magnitude)
     raw = np.where(signals.signed, np.sign(signals.raw_effort), 1.0) * magnitude
     changed = replace(signals, raw_effort=raw, measured=signals.measured & readable)
@@ -321,7 +322,7 @@ def restored(model: Model, signals: Signals) -> Signals:
 
 
 def _agreed(log_data: LogData, probability: Array) -> tuple[Array, Fit]:
-    """Signs and fit, settled once more under the fit to them and to what is known."""
+    """Signs and fit, repeated with the fit to these signs and the prior."""
     predicted = fit_signed(log_data, 2.0 * probability - 1.0, most_corrected=0).predicted
     probability = _smoothed(log_data, predicted)
     return probability, fit_signed(log_data, 2.0 * probability - 1.0)
@@ -334,9 +335,9 @@ def _smoothed_by(log_data: LogData, segments: Segments, found: Assignment | Sear
 
 
 def _smoothed(log_data: LogData, predicted: Array, signed: Array | None = None) -> Array:
-    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones, by default the nearest.
+    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones; None: the nearest.
 
-    The noise is that of the samples that are fitted, but the model holds for all in motion.
+    The noise is that of the fitted samples; it applies to all samples in motion.
     """
     signals, fitted = log_data.signals, log_data.fitted
     signed = signals.nearest(predicted) if signed is None else signed

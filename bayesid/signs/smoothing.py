@@ -1,24 +1,23 @@
-"""The sign of every single sample, given a fitted model: forward-backward smoothing of the model's error.
+"""The sign of every sample, given a fitted model: forward-backward smoothing of the model's error.
 
-Segments are cut where |effort| looks like touching zero, and they are all the search needs. But samples near a cut,
-in the noise around zero or at standstill (where nobody knows friction's direction) are better judged together with
-their neighbours. For each joint, :eq:`reading`::
+Segments are cut where |effort| is about zero, which is enough for the search. Samples near a cut, in the noise around
+zero or at standstill (where friction has no known direction) depend on their neighbours too. For each joint,
+:eq:`reading`::
 
     e_i = |mu_i + n_i|,   mu_i = p_i + b_i,
 
-p_i the model's effort, n_i white noise with the tails of Student's t, b_i the model's error: an Ornstein-Uhlenbeck
-process (:eq:`model-error`), wider at standstill, where it must hold all of the static friction. Given b, both signs of
-e_i are possible with the likelihoods t(e_i - mu_i) and t(-e_i - mu_i) (:eq:`sample-likelihood`). b is one number, so on
-a grid the posterior is exact (Rabiner 1989, eqs. 19 to 27), and with it P(sign_i = +): a sign-marginalised likelihood
-in which the residual's autocorrelation is part of the model.
+p_i the model's effort, n_i white noise with Student's t distribution, b_i the model's error: an Ornstein-Uhlenbeck
+process (:eq:`model-error`), whose spread at standstill covers the static friction. Given b, both signs of e_i have the
+likelihoods t(e_i - mu_i) and t(-e_i - mu_i) (:eq:`sample-likelihood`). b is scalar, so on a grid the posterior is exact
+(Rabiner 1989, eqs. 19 to 27), and with it P(sign_i = +). The residual's autocorrelation is part of this likelihood.
 
-Where |effort| has passed a low-pass h after the rectifier, a reading tells of |mu| all around it, and its own sign only
-by way of b (:eq:`filtered-likelihood`)::
+If |effort| has passed a low-pass h after the rectifier, a reading depends on |mu| around it, and on its own sign only
+through b (:eq:`filtered-likelihood`)::
 
     e_i = (h * E|mu + n|)_i + white noise,   P(sign_i = + | b) = P(mu_i + n_i > 0),
 
-n the noise that has not passed and b taken to be constant over its length. Around a zero crossing e_i hardly depends on
-b; in return it fluctuates by itself: its noise there is n's.
+with n the noise that the low-pass removed, and b constant over its length. Around a zero crossing e_i hardly depends on
+b, so its own fluctuation there is that of n.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from bayesid.signs.chain import TAILS, Chain, Single, error_chains
 from bayesid.signs.tuning import TUNING, Tuning
 
 _FARTHEST = 1e15
-"""Scales of the white noise beyond which an effort is taken to be that far away: its square is a single number."""
+"""Largest effort, in scales of the white noise; its square is finite in single precision."""
 
 
 def sign_probabilities(
@@ -47,9 +46,9 @@ def sign_probabilities(
 ) -> Array:
     """(N, n) P(sign = +) of every sample: smoothed, or 0 or 1 where the sign is known.
 
-    Of a joint without a single sample to go by nothing is known of friction and noise: 0.5. The model's effort
-    `predicted` is (N, n) N m, or (N, n, K) of K draws of the model, over which to average; `moving` (N, n) is False at
-    standstill; the noise is that of the residual in motion.
+    A joint without a used sample has no known friction and noise: 0.5. The model's effort `predicted` is (N, n) N m, or
+    (N, n, K) of K draws of the model, over which to average. `moving` (N, n) is False at standstill. The noise is that
+    of the residual in motion.
     """
     after, rate = signals.after_rectifier, signals.rate
     read = signals.magnitude if after is None else np.where(signals.signed, signals.magnitude, after.read)
@@ -69,12 +68,12 @@ def smooth(
 ) -> Array:
     """(N, n) P(sign = +) of every sample of |effort| (N, n), N m, at a rate, Hz; see `sign_probabilities`.
 
-    The efforts are as they were read: those that have passed a low-pass after the rectifier as well.
+    The efforts are as read, possibly after a low-pass behind the rectifier.
     """
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
     processes = _joints(effort, draws.mean(axis=2), moving, noise, rate, after)
     moves = moving.copy()
-    moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
+    moves[1:] &= moving[:-1]  # both ends of a standstill take a wide step
     turns = _turns(moves)
     probability = np.empty_like(effort)
     for start in range(0, len(effort), tuning.smoothed):
@@ -84,7 +83,7 @@ def smooth(
             partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process, tuning)
             for j, process in enumerate(processes)
         ]
-        many = draws[around, 0].size > tuning.side_by_side  # of fewer a joint takes less than to fork for it
+        many = draws[around, 0].size > tuning.side_by_side  # for less work a fork takes longer
         for j, mean in enumerate(in_parallel(joints) if many else (joint() for joint in joints)):
             probability[start:stop, j] = mean[start - around.start : stop - around.start]
         progress(stop, len(effort))
@@ -95,8 +94,8 @@ def smooth(
 class _Joint:
     chain: Chain
     white: float  # scale of the white noise, N m
-    after: AfterRectifier | None  # what |effort| has passed after the rectifier
-    taken: float  # sd of the noise that it took, N m
+    after: AfterRectifier | None  # the low-pass behind the rectifier
+    taken: float  # sd of the noise that it removed, N m
     rate: float  # of the samples, Hz
 
 
@@ -105,7 +104,7 @@ def _joints(
 ) -> list[_Joint]:
     seen = np.abs(predicted) if after is None else after.readings(predicted, rate)
     chains = error_chains(noise, _doubt_at_rest(effort - seen, predicted, moving), rate)
-    if after is not None:  # readings tell of b from all around
+    if after is not None:  # readings depend on b around them
         chains = [replace(chain, middle=chain.whole) for chain in chains]
     taken = np.zeros(len(chains)) if after is None else after.noise
     return [
@@ -115,7 +114,7 @@ def _joints(
 
 
 def _turns(moves: Mask) -> Array:
-    """(N, n) probability that friction turns round at once before a sample: in all that of its standstill."""
+    """(N, n) probability that friction reverses before a sample; constant within a standstill."""
     turns = np.zeros(moves.shape)
     for j in range(moves.shape[1]):
         edges = np.flatnonzero(np.diff(np.concatenate([[True], moves[:, j], [True]]).astype(int)))
@@ -125,10 +124,10 @@ def _turns(moves: Mask) -> Array:
 
 
 def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
-    """(n,) sd of the model's error at standstill, N m: what |effort| shows of it, and what it cannot show.
+    """(n,) sd of the model's error at standstill, N m: from |effort|, and from the unknown direction of friction.
 
-    Friction that has turned round already, or not yet, leaves |effort| nearly as it was. The change of the model's
-    effort from the last sample before a standstill to the first one after it shows how much that is.
+    A friction reversal hardly changes |effort|. The change of the model's effort between the last sample before a
+    standstill and the first one after it shows its size.
     """
     mismatch = np.where(moving, 0.0, mismatch)
     seen = np.sqrt((mismatch**2).sum(axis=0) / np.maximum((~moving).sum(axis=0), 1))
@@ -145,10 +144,10 @@ def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
 
 
 def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, tuning: Tuning) -> Array:
-    """(N,) P(sign = +) of a joint's |effort| (N,), the mean over K predictions (N, K).
+    """(N,) P(sign = +) of a joint's |effort| (N,), averaged over K predictions (N, K).
 
-    Where friction may turn round at once, with the probabilities `turns` (N,), the joint is at standstill. A piece that
-    is near one, or that has turned out to need it, is smoothed on the whole grid.
+    `turns` (N,) are the probabilities of a friction reversal, positive at standstill. Pieces next to a standstill, and
+    those that need it, use the whole grid.
     """
     length = min(tuning.piece, len(effort))
     cut = _cut(turns, length)
@@ -168,12 +167,12 @@ def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, tuning
 
 
 def _and_beside(pieces: Mask) -> Mask:
-    """(B,) of pieces, those and their neighbours: what is handed to a piece on the whole grid must be of all of it."""
+    """(B,) the pieces and their neighbours, as messages to the whole grid must come from a whole grid."""
     return pieces | np.append(pieces[1:], False) | np.append(False, pieces[:-1])
 
 
 def _cut(values: Array | Single, length: int) -> Single:
-    """(L, B, ...) of (N, ...), cut into B pieces of L samples; the last one ends with zeros."""
+    """(L, B, ...) from (N, ...): B pieces of L samples; the last one is padded with zeros."""
     pieces = -(-len(values) // length)
     full = np.zeros((pieces * length, *values.shape[1:]), dtype=np.float32)
     full[: len(values)] = values
@@ -182,16 +181,16 @@ def _cut(values: Array | Single, length: int) -> Single:
 
 @dataclass(frozen=True)
 class _Readings:
-    """Readings of one joint by K draws, cut into B pieces of L samples, in scales of the white noise."""
+    """Readings of one joint for K draws, in B pieces of L samples, in scales of the white noise."""
 
-    up: Single  # (L, B, K) value of b with which a reading has its predicted size if its sign is +
-    down: Single  # (L, B, K) and if it is -
+    up: Single  # (L, B, K) value of b at which a reading has its predicted size with sign +
+    down: Single  # (L, B, K) the same with sign -
     points: Single  # (G,) the grid
-    spare: int  # samples at the end of the last piece that are none
+    spare: int  # padding samples of the last piece
 
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _Readings:
-        """Of |effort| (N,) and predictions (N, K)."""
+        """From |effort| (N,) and predictions (N, K)."""
         scale = max(np.sqrt(TAILS) * joint.white, TUNING.finest_noise * joint.chain.grid[-1])
         signed = [np.clip((sign * effort[:, None] - predicted) / scale, -_FARTHEST, _FARTHEST) for sign in (1.0, -1.0)]
         up, down = (_cut(values, length) for values in signed)
@@ -214,7 +213,7 @@ class _Readings:
 
 
 def _off(values: Single, points: Single) -> Single:
-    """How far values are from the nearest point of a grid (G, 1)."""
+    """Distance of values from the nearest point of a grid (G, 1)."""
     first, spacing = points[0, 0], points[1, 0] - points[0, 0]
     nearest = np.clip(np.rint((values - first) / spacing), 0.0, len(points) - 1.0)
     off: Single = np.abs(values - first - spacing * nearest)
@@ -222,32 +221,32 @@ def _off(values: Single, points: Single) -> Single:
 
 
 def _students(values: Single, points: Single, least: Single, root: Single, out: Single) -> None:
-    """Student's t of (1, R) values about a grid (G, 1), over that at a distance: `least` is 1 and its square."""
+    """Student's t of (1, R) values about a grid (G, 1), over that at a distance d; `least` is 1 + d^2."""
     np.subtract(values, points, out=out)
     np.multiply(out, out, out=out)
     np.add(out, 1.0, out=out)
     np.divide(least, out, out=out)
     np.sqrt(out, out=root)
-    np.multiply(out, out, out=out)  # the power (nu + 1) / 2 = 2.5 of four degrees of freedom
+    np.multiply(out, out, out=out)  # the power (nu + 1) / 2 = 2.5 for nu = 4
     np.multiply(out, root, out=out)
 
 
 @dataclass(frozen=True)
 class _FilteredReadings:
-    """The same where |effort| has passed a low-pass."""
+    """The same if |effort| has passed a low-pass."""
 
     likelihood: Single  # (L, B, K, G) of b (:eq:`filtered-likelihood`), up to a factor
     plus: Single  # (L, B, K, G) share of sign +
 
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _FilteredReadings:
-        """Of |effort| (N,) as it was read, and predictions (N, K)."""
+        """From |effort| (N,) as read, and predictions (N, K)."""
         assert joint.after is not None
         grid = joint.chain.grid
         mean, spacing = predicted[..., None] + grid, grid[1] - grid[0]
         readings = joint.after.low_pass.apply(mean_magnitude(mean, joint.taken), joint.rate)
         follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
-        least = max(joint.white, 0.5 * spacing)  # the grid tells no finer
+        least = max(joint.white, 0.5 * spacing)  # the grid's resolution
         variance = least**2 + (1.0 - follows**2) * joint.taken**2
         misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (TAILS * variance)
         log_likelihood = -0.5 * (TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)

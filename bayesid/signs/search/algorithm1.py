@@ -1,13 +1,13 @@
-"""Algorithm 1 of Gaz and De Luca to the letter: every node of T-PBPR is solved, checked and written down.
+"""Algorithm 1 of Gaz and De Luca, as published: every node of T-PBPR is solved, checked and recorded.
 
 The first s0 segments are enumerated, the w cheapest nodes are kept, and each step gives every kept node two children:
-2^s0 + 2 w (S - s0) nodes for S segments, where 2^s0 >= w. A node has two costs for the segments decided so far: that
-of ordinary least squares (OLS), and PBPR's, the least cost of a feasible robot, which is convex
-(:eq:`cone-least-squares`). A linear matrix inequality says whether the OLS estimate itself is feasible; if it is, both
-costs are the same. Nodes are ranked by PBPR's cost, so being infeasible has a price and is no verdict: noise makes the
-estimates of right signs infeasible too. `refuse` makes it one, to show what follows.
+2^s0 + 2 w (S - s0) nodes for S segments, where 2^s0 >= w. A node has two costs over the decided segments: that of
+ordinary least squares (OLS), and PBPR's, the least cost of a feasible robot, which is convex
+(:eq:`cone-least-squares`). A linear matrix inequality tests whether the OLS estimate is feasible; if so, both costs are
+equal. Nodes are ranked by PBPR's cost. Infeasibility thus raises the cost but does not exclude a node, as noise makes
+estimates of right signs infeasible too. `refuse` excludes such nodes for comparison.
 
-`bayesid.signs.search.beam` keeps the same nodes, solves fewer of them, and does more to find the best signs.
+`bayesid.signs.search.beam` keeps the same nodes, solves fewer of them, and searches further for the best signs.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.protocol import Assignment, Pruning, SearchResult, SignProblem, listed_without_proof
 
 Fate = Literal["kept", "pruned by width", "pruned as infeasible", "leaf"]
-"""A node is pruned as infeasible if its OLS cost is below the cost of a node that is kept: without the price of being
-infeasible it might have been kept. So is one that `refuse` names."""
+"""A node is pruned as infeasible if its OLS cost is below the PBPR cost of a kept node: with its OLS cost it might have
+been kept. Nodes of `refuse` count as infeasible too."""
 Refusal = Callable[["Candidates"], Mask]
-"""Which of the nodes of one depth (m,) are pruned whatever they cost."""
+"""Selects nodes of one depth (m,) to prune whatever their cost."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """The m nodes of one depth, before it is decided which are kept."""
+    """The m nodes of one depth, before pruning."""
 
     decided: Integers  #: segments
     hessian: Array  #: (r, r) of these segments
@@ -44,11 +44,13 @@ class Candidates:
     margins: Array  #: (m,)
 
     def fates(self, refused: Mask, width: int, last: bool) -> tuple[Integers, list[Fate]]:
-        """Nodes that are kept, cheapest first, and the fate of each; where all are refused the cheapest goes on."""
+        """Kept nodes, cheapest first, and the fate of each node; if all are refused, the cheapest is kept."""
         ranked = np.argsort(self.cone_costs, kind="stable")
         kept = ranked[~refused[ranked]][:width] if not refused.all() else ranked[:1]
         priced_out = (self.margins < 0.0) & (self.ols_costs < self.cone_costs[kept].max())
-        fates: list[Fate] = ["pruned as infeasible" if one else "pruned by width" for one in refused | priced_out]
+        fates: list[Fate] = [
+            "pruned as infeasible" if infeasible else "pruned by width" for infeasible in refused | priced_out
+        ]
         for k in kept:
             fates[k] = "leaf" if last else "kept"
         return kept, fates
@@ -58,19 +60,19 @@ class Candidates:
 class Node:
     """A node of the tree."""
 
-    number: int  #: from 1 on, in the order in which nodes are made
-    parent: int  #: its number; 0 for the root
-    depth: int  #: segments that are decided
-    segments: tuple[int, ...]  #: 0-based, those that this node decides
+    number: int  #: from 1, in the order of creation
+    parent: int  #: number of the parent; 0 for the root
+    depth: int  #: number of decided segments
+    segments: tuple[int, ...]  #: 0-based, segments that this node decides
     signs: tuple[int, ...]  #: +1 or -1 for each of them
-    ols_cost: float  #: of ordinary least squares over the decided segments, efforts in units of their noise
-    cone_cost: float  #: PBPR's: of the best feasible robot, with the Tikhonov term
+    ols_cost: float  #: of ordinary least squares over the decided segments, in units of the noise
+    cone_cost: float  #: PBPR's: that of the best feasible robot, with the Tikhonov term
     min_eigenvalue: float  #: largest smallest eigenvalue of the OLS estimate's pseudo-inertias, at most 1
     fate: Fate
 
     @property
     def feasible(self) -> bool:
-        """Whether the OLS estimate is that of a feasible robot."""
+        """Whether the OLS estimate is feasible."""
         return self.min_eigenvalue >= 0.0
 
 
@@ -80,10 +82,10 @@ def algorithm1(
     """The cheapest leaf, and all nodes.
 
     Args:
-        problem: with at least one segment of unknown sign; they are decided in the order of their energy.
-        width: w, nodes that are kept.
-        initial: s0, segments that are enumerated at the start.
-        refuse: nodes that are pruned whatever they cost; none by default.
+        problem: with at least one segment of unknown sign; segments are decided in the order of their energy.
+        width: w, kept nodes.
+        initial: s0, segments enumerated at the start.
+        refuse: nodes to prune whatever their cost; None: none.
         steps: called as steps(decided, total).
 
     Raises:
@@ -106,7 +108,7 @@ def algorithm1(
         children, depth = _children(level, normal_equations.gradient[group]), depth + len(group)
         prepared = pricing.prepared(hessian)
         solved = [prepared.solve(gradient) for gradient in children.gradients]
-        costs = energy + np.array([one.cost for one in solved])
+        costs = energy + np.array([solution.cost for solution in solved])
         ols = energy + UnconstrainedBound(hessian)(children.gradients)
         margins = check.margins(hessian, children.gradients)
         candidates = Candidates(order[:depth], hessian, ols, costs, margins)
@@ -150,15 +152,13 @@ def algorithm1(
 
 
 class _Level(NamedTuple):
-    """Nodes of one depth."""
-
-    paths: Integers  # (m, depth) the signs decided, in the order of the search
+    paths: Integers  # (m, depth) signs of the decided segments, in search order
     gradients: Array  # (m, r) sums of s_k g_k over the decided segments
-    parents: Integers  # (m,) their own numbers in a level that was kept, their parents' in one of children
+    parents: Integers  # (m,) in a kept level their own numbers, in a level of children their parents'
 
 
 def _children(level: _Level, gradients: Array) -> _Level:
-    """Every choice of signs of the next segments, whose g are (d, r), below each node."""
+    """All signs of the next segments, with gradients g (d, r), below each node."""
     choices = np.array(list(itertools.product((1, -1), repeat=len(gradients))), dtype=np.int64)
     added = np.tile(choices, (len(level.paths), 1))
     paths = np.hstack([np.repeat(level.paths, len(choices), axis=0), added])
@@ -167,7 +167,7 @@ def _children(level: _Level, gradients: Array) -> _Level:
 
 
 def _whole(known: Integers, decided: Integers, path: Integers) -> Integers:
-    """(S,) the signs of a node, those of segments that are not decided yet as they are known beforehand."""
+    """(S,) signs of a node; undecided segments keep their known sign or 0."""
     signs = known.copy()
     signs[decided] = path
     return signs

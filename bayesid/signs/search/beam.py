@@ -1,10 +1,9 @@
-"""T-PBPR: a tree of sign choices, pruned by what a feasible robot could cost (Gaz and De Luca, Algorithm 1).
+"""T-PBPR: beam search over the signs of segments (Gaz and De Luca, Algorithm 1).
 
 The first s0 segments are enumerated (2^s0 nodes), the w cheapest nodes survive, and each step gives every survivor two
-children, one for each sign of the next segment. A node's cost is that of the best parameters for the segments it has
-decided. The unconstrained least squares (the paper's OLS per node) bounds that cost from below
-(:eq:`unconstrained-bound`) and is nearly free, so a node whose bound already exceeds the w-th best cost is never solved
-in the cone.
+children, one for each sign of the next segment. A node's cost is that of the best feasible parameters for the decided
+segments. Unconstrained least squares (the paper's OLS per node) is a cheap lower bound of it
+(:eq:`unconstrained-bound`). A node whose bound exceeds the w-th best cost is never solved in the cone.
 """
 
 from __future__ import annotations
@@ -47,12 +46,11 @@ class Beam(Search):
 
     Attributes:
         width: w of T-PBPR, nodes that survive each step.
-        initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
-        node_solver: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
-        budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.protocol`); those that
-            follow once they are spent share a fifth. Where a beam's budget ends each leaf predicts the signs of the
-            segments that no step has decided.
-        time_limit: seconds on the clock for all searches of an identification; what they end early says so.
+        initial_segments: s0 of T-PBPR, segments enumerated at the start.
+        node_solver: prices nodes, made from (cone, coefficients, hessian, energy); None for the cone.
+        budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.protocol`); beams
+            after that share a fifth of it. When a budget ends, each leaf predicts the signs of the undecided segments.
+        time_limit: wall-clock seconds for all searches of an identification; the result says if it ended a search.
 
     Example:
         >>> result = bayesid.identify(robot, log, terms, search=bayesid.Beam(width=3), posterior=False)
@@ -76,7 +74,7 @@ class Beam(Search):
 
     @property
     def any_model(self) -> bool:
-        """Not where a price of the user's is given: it may know the model asked for only."""
+        """False with a user's node solver, which may only know the requested model."""
         return self.node_solver is None
 
     def limited(self, budget: float, time_limit: float) -> Beam:
@@ -84,7 +82,7 @@ class Beam(Search):
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
-        """A beam; in the first round a wider one too, where the fit is poor.
+        """A beam; in the first round also a wider one, if the fit is poor.
 
         Raises:
             SolverError: a node could not be priced.
@@ -99,7 +97,7 @@ class Beam(Search):
         return replace(best, spent=budget.spent, timed_out=budget.timed_out)
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """A local search about the beam's leaves; none where a price is given.
+        """A local search from the beam's leaves; none with a user's node solver.
 
         Raises:
             SolverError: a cone problem could not be solved.
@@ -107,12 +105,12 @@ class Beam(Search):
         result = super().certify(problem, progress)
         if self.node_solver is not None:
             return result
-        left = max(self.time_limit - result.seconds, 0.0)
+        seconds = max(self.time_limit - result.seconds, 0.0)
         with progress.stage("local search") as steps:
-            return searched_locally(problem, [result], TUNING.failures, left, steps)
+            return searched_locally(problem, [result], TUNING.failures, seconds, steps)
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
-        """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
+        """A beam with joints flipped where that helps; at least as good as the signs of an earlier search."""
         normal_equations, pricing = problem.normal_equations, self._pricing(problem)
         result = beam(normal_equations, pricing, width, self.initial_segments, steps, budget)
         if problem.earlier is not None:
@@ -148,12 +146,12 @@ def beam(
     """Searches the signs of all unknown segments, those with the most energy first.
 
     Args:
-        normal_equations: scaled moments of S segments.
-        node_solver: prices a node; `bayesid.regression.solver.ConeLeastSquares` by default, PBPR as in the paper.
+        normal_equations: of S segments, scaled.
+        node_solver: prices nodes; `bayesid.regression.solver.ConeLeastSquares` is PBPR as in the paper.
         width: w, nodes that survive each step; None for all (exhaustive).
-        initial: s0, segments that are enumerated at the start.
+        initial: s0, segments enumerated at the start.
         steps: called as steps(decided, total) after each step.
-        budget: after which no further step begins; the first one is always made. None for as long as it takes.
+        budget: no step begins after it, except the first one; None: unlimited.
 
     Raises:
         SolverError: a node could not be priced.
@@ -163,9 +161,7 @@ def beam(
         np.flatnonzero(normal_equations.known),
         np.flatnonzero((normal_equations.known == 0) & normal_equations.individual),
     )
-    order = unknown[
-        np.argsort(-normal_equations.energy[unknown], kind="stable")
-    ]  # they decide most and are mistaken least
+    order = unknown[np.argsort(-normal_equations.energy[unknown], kind="stable")]  # they carry most information
     budget = Budget() if budget is None else budget
     pricing = _Pricing(node_solver, budget)
     hessian = normal_equations.hessian_of(known)
@@ -217,7 +213,7 @@ def _with_undecided_segments(
     hessian: Array,
     gradients: Array,
 ) -> list[Assignment]:
-    """Segments that no step has decided take the signs that the others' coefficients predict; cheapest leaf first."""
+    """Undecided segments get the signs that the other segments' coefficients predict; cheapest leaf first."""
     prepared, energy, whole = (
         node_solver.prepared(normal_equations.hessian.total()),
         float(normal_equations.energy.sum()),
@@ -231,9 +227,9 @@ def _with_undecided_segments(
 
 
 def _listed(normal_equations: NormalEquations, result: SearchResult, leaves: Iterable[Assignment]) -> SearchResult:
-    """The result with its own signs and those of the leaves as branches: what costs too much more is pruned."""
-    own = Assignment(result.signs, result.theta, result.cost, -np.inf)
-    branches, decided = listed_without_proof(normal_equations, own, leaves)
+    """The result with its signs and those of the leaves as branches, without leaves of much higher cost."""
+    best = Assignment(result.signs, result.theta, result.cost, -np.inf)
+    branches, decided = listed_without_proof(normal_equations, best, leaves)
     return replace(result, branches=branches, decided=decided)
 
 
@@ -247,7 +243,7 @@ def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
 
 
 class _Pricing:
-    """Selects the cheapest nodes of a depth, solving as few cone problems as it can; counts what it did."""
+    """Selects the cheapest nodes of a depth with few cone problems, and counts the work."""
 
     def __init__(self, node_solver: NodeSolver, budget: Budget) -> None:
         self._node_cost, self._budget = node_solver, budget
@@ -282,9 +278,9 @@ class _Pricing:
 def keep_incumbent(
     normal_equations: NormalEquations, node_solver: NodeSolver, result: SearchResult, beta: Array
 ) -> SearchResult:
-    """The result, or the signs that earlier coefficients beta (r,) predict where those cost less.
+    """The result, or the signs that earlier coefficients beta (r,) predict if those cost less.
 
-    A narrow beam on re-cut segments may lose what the search before it had.
+    A narrow beam on newly cut segments may miss the signs of the search before.
     """
     return _cheaper(
         normal_equations,
@@ -297,7 +293,7 @@ def keep_incumbent(
 def _cheaper(
     normal_equations: NormalEquations, prepared: PreparedNode, result: SearchResult, signs: Integers
 ) -> SearchResult:
-    """The result, or other signs (S,) where those cost less; one cone problem more."""
+    """The result, or other signs (S,) if those cost less; needs one cone problem."""
     solution = prepared.solve(signs @ normal_equations.gradient)
     result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
     other = Assignment(signs, solution.theta, float(normal_equations.energy.sum()) + solution.cost, -np.inf)
@@ -307,11 +303,10 @@ def _cheaper(
 def flip_joints(
     normal_equations: NormalEquations, node_solver: NodeSolver, result: SearchResult, budget: Budget | None = None
 ) -> SearchResult:
-    """The result with all signs of a joint turned round wherever that lowers the cost.
+    """The result with all signs of a joint flipped wherever that lowers the cost.
 
-    With friction in the model each joint is nearly symmetric by itself: a beam that loses the right half of that
-    symmetry at its root cannot come back to it one segment at a time. Every joint is tried once at least, whatever is
-    left of the budget.
+    With friction in the model each joint is nearly symmetric under a flip. A beam that keeps the wrong half of that
+    symmetry cannot correct it segment by segment. Every joint is tried at least once, whatever the budget.
     """
     prepared, budget = node_solver.prepared(normal_equations.hessian.total()), Budget() if budget is None else budget
     joints = np.unique(normal_equations.joint[normal_equations.known == 0])

@@ -1,17 +1,16 @@
-"""Lower bounds of the cost in the cone: without the cone, and of turning segments from a settled assignment.
+"""Lower bounds of the cost in the cone: without the cone, and after flipping segments of a given assignment.
 
-Let theta be the best feasible parameters for the signs s, beta = B theta. The cost under s is strongly convex, so by
-the variational inequality (Boyd and Vandenberghe 2004, 4.2.3) every feasible point at a distance d costs at least
-d'(H + Q)d more, Q the Tikhonov term. Turning the set T of segments adds 4 sum over T of s_k g_k'(beta + d), and
-minimising over all d leaves :eq:`flip-bound`::
+Let theta be the best feasible parameters for the signs s, beta = B theta. The cost under s is strongly convex. By the
+variational inequality (Boyd and Vandenberghe 2004, 4.2.3) every feasible point at a distance d costs at least d'(H +
+Q)d more, Q the Tikhonov term. Flipping the set T of segments adds 4 sum over T of s_k g_k'(beta + d). Minimising over
+all d gives :eq:`flip-bound`::
 
-    F(s with T turned) - F(s)  >=  4 (sum over T of a_k  -  sum over T x T of K_kl),
+    F(s with T flipped) - F(s)  >=  4 (sum over T of a_k  -  sum over T x T of K_kl),
     a_k = s_k g_k' beta,   K_kl = s_k g_k' (H + Q)^-1 g_l s_l.
 
-The right side is a quadratic function of binary unknowns. A segment k with a_k > K_kk + 2 sum of max(K_kl, 0) makes
-every T that holds it dearer than without it (persistency, :eq:`persistency`; Boros and Hammer 2002), so it is settled,
-and those that remain have fewer to interfere with. Weak segments, whose signs no enumeration could afford to try, are
-settled like this.
+The right side is a quadratic function of binary unknowns. If a_k > K_kk + 2 sum of max(K_kl, 0), every T with segment k
+costs more than T without it (persistency, :eq:`persistency`; Boros and Hammer 2002). So k keeps its sign, and the
+others have fewer segments to interact with. This proves weak segments, which are too many to enumerate.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ from bayesid.regression.normal_equations import NormalEquations
 from bayesid.signs.tuning import TUNING, Tuning
 
 _RIDGE = 1e-13
-"""Curvature added to columns of unit length: a hundredth of the solver's least Tikhonov term to typical links
+"""Curvature added to columns of unit length: a hundredth of the solver's least Tikhonov term
 (`bayesid.regression.solver.tikhonov_weight`), so that the bound stays below the cost."""
 
 
 class UnconstrainedBound:
     """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
 
-    The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
-    The ridge is curvature added to columns of unit length; 0 where H (r, r) holds a share of the Tikhonov term.
+    It is the minimum over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the
+    energy c. `ridge` is curvature added to columns of unit length; 0 if H (r, r) includes a share of the Tikhonov term.
     """
 
     def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
@@ -53,16 +52,16 @@ class UnconstrainedBound:
         return white
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """(r,) normal, of mean zero and covariance H^-1."""
+        """(r,) normal draw with mean zero and covariance H^-1."""
         drawn: Array = rng.standard_normal(len(self._factor)) @ self._factor
         return drawn
 
 
 def cholesky(matrix: Array, most: float = 1e-11) -> Array:
-    """L with L L' = matrix, of unit diagonal, plus the smallest ridge that rounding asks for, from a few units on.
+    """L with L L' = matrix, of unit diagonal, plus the smallest ridge, at least a few rounding units, that it needs.
 
     Raises:
-        LinAlgError: it is singular by more than rounding, `most`.
+        LinAlgError: the matrix needs a ridge above `most`.
     """
     ridge = 0.0
     while True:
@@ -75,10 +74,10 @@ def cholesky(matrix: Array, most: float = 1e-11) -> Array:
 
 
 class Flips:
-    """Flips of some segments, those that are free, from a settled assignment s (S,).
+    """Flips of the free segments of an assignment s (S,).
 
-    Coefficients beta (r,) are the best for s, whose cost may be less than theirs by a gap. The unconstrained bound is
-    prepared for the H of all segments and the Tikhonov term.
+    Coefficients beta (r,) are the best for s, up to a cost of `gap`. The unconstrained bound is that of H of all
+    segments and the Tikhonov term.
     """
 
     def __init__(
@@ -96,17 +95,17 @@ class Flips:
         self._unconstrained, self._beta, self._gap = unconstrained, beta, max(gap, 0.0)
         self._white = unconstrained.whiten(flipped)
         self._diagonal = np.sum(self._white**2, axis=1)
-        # beta may be |d| <= sqrt(gap) off the best point, and a_k then by sqrt(gap K_kk).
+        # beta may be |d| <= sqrt(gap) from the best point, which changes a_k by up to sqrt(gap K_kk).
         self._linear = flipped @ beta - np.sqrt(self._gap * self._diagonal)
 
     @property
     def undecided(self) -> Integers:
-        """Positions in `free` that persistency does not settle."""
+        """Positions in `free` without persistency."""
         return self._persistency[0]
 
     @cached_property
     def _persistency(self) -> tuple[Integers, float]:
-        """Positions that remain, and the least margin (in quarters) with which the others have been settled."""
+        """Positions without persistency, and the least margin (in quarters) of the others."""
         remaining, least = np.arange(len(self.free)), np.inf
         while remaining.size:
             margin = self._linear[remaining] + self._diagonal[remaining]
@@ -120,21 +119,20 @@ class Flips:
 
     @property
     def alone(self) -> Array:
-        """(free,) lower bounds of the change if one segment alone is turned."""
+        """(free,) lower bounds of the change if one segment alone is flipped."""
         return 4.0 * (self._linear - self._diagonal)
 
     @property
     def heaviest(self) -> int:
-        """Position in `free` of the undecided segment that the parameters depend on most."""
+        """Position in `free` of the segment without persistency that affects the parameters most."""
         return int(self.undecided[np.argmax(self._diagonal[self.undecided])])
 
     def _chunks(self, size: int) -> Iterator[slice]:
-        """Slices of so many rows of K, which are made together."""
         at_once = self._tuning.rows_at_once
         return (slice(start, start + at_once) for start in range(0, size, at_once))
 
     def _interference(self, rows: Integers, columns: Integers) -> Array:
-        """(rows,) sums over the columns of max(K_kl, 0), or upper bounds of them where there are very many."""
+        """(rows,) sums over the columns of max(K_kl, 0), or upper bounds of them for very many segments."""
         if len(columns) > self._tuning.many_flips:
             return self._most_interference(rows, columns)
         sums = np.empty(len(rows))
@@ -143,7 +141,7 @@ class Flips:
         return sums
 
     def _most_interference(self, rows: Integers, columns: Integers) -> Array:
-        """The same by Cauchy and Schwarz, in time linear in the segments: sum |K_kl| <= sqrt(n sum K_kl^2)."""
+        """Upper bounds by Cauchy-Schwarz, in linear time: sum |K_kl| <= sqrt(n sum K_kl^2)."""
         white = self._white[columns]
         plain = self._white[rows] @ white.sum(axis=0)
         squares = np.sum((self._white[rows] @ (white.T @ white)) * self._white[rows], axis=1)
@@ -152,19 +150,19 @@ class Flips:
 
     @cached_property
     def best(self) -> tuple[float, Integers]:
-        """Lower bound of the change (<= 0) over all sets of flips, and the segments of the set that it belongs to."""
+        """Lower bound of the change (<= 0) over all sets of flips, and the segments of that set."""
         change, positions = self._least_change()
         return min(change, 0.0), self.free[positions if change < 0.0 else []]
 
     @property
     def any(self) -> float:
-        """Lower bound of the change over all sets of flips but the empty one; inf where nothing is free."""
-        # Each settled segment that is taken out of a set makes it cheaper by its margin, down to the undecided ones.
+        """Lower bound of the change over all nonempty sets of flips; inf without free segments."""
+        # Removing a persistent segment from a set lowers its cost by the segment's margin.
         margin = 4.0 * self._persistency[1]
         return min(margin + self.best[0], self._least_change()[0])
 
     def _least_change(self) -> tuple[float, Integers]:
-        """Lower bound over all sets of undecided segments but the empty one, and the positions of that set."""
+        """Lower bound over all nonempty sets of segments without persistency, and the positions of that set."""
         undecided = self.undecided
         if not undecided.size:
             return np.inf, undecided
@@ -181,11 +179,11 @@ class Flips:
         return self._slopes(np.arange(len(self.free)))
 
     def _slopes(self, among: Integers) -> Array:
-        """(among,) the sum of these over any set of flips bounds its change from below, in quarters.
+        """(among,) slopes whose sum over any set of flips is a lower bound of its change, in quarters.
 
-        A pair of flips may gain 2 max(K_kl, 0) together. That is charged to the two in shares that keep as many slopes
-        as possible from being negative (roof duality; Boros and Hammer 2002): first in proportion to what each costs
-        by itself, then by handing charges on from segments that have a negative slope to those that have some to spare.
+        A pair of flips may gain 2 max(K_kl, 0) together. That is charged to both so that as many slopes as possible
+        stay nonnegative (roof duality; Boros and Hammer 2002): first in proportion to their own costs, then charges are
+        shifted from negative to positive slopes.
         """
         if len(among) > self._tuning.many_flips:
             return self._linear[among] + self._diagonal[among] - 2.0 * self._interference(among, among)
@@ -203,9 +201,9 @@ class Flips:
         return _handed_on(slopes, charges, self._tuning.sweeps) if charged else slopes
 
     def forced(self, steps: Array) -> Array:
-        """(m,) lower bounds of the change if other segments are turned, whatever happens to the free ones.
+        """(m,) lower bounds of the change if other segments are flipped, for any signs of the free ones.
 
-        Steps (m, r) are the sums of s_k g_k over the segments that are turned.
+        Steps (m, r) are the sums of s_k g_k over the flipped segments.
         """
         white = self._unconstrained.whiten(steps)
         diagonal = np.sum(white**2, axis=1)
@@ -215,7 +213,7 @@ class Flips:
         return change
 
     def changes(self, among: Integers | None = None) -> Array:
-        """(m,) lower bounds of the change over all sets of flips that hold one of these m positions in `free`."""
+        """(m,) lower bounds of the change over all sets of flips that include one of these m positions in `free`."""
         if len(self.free) > self._tuning.many_flips:
             many: Array = 4.0 * (self._linear - self._diagonal + self._rest_of_many())
             return many if among is None else many[among]
@@ -229,7 +227,7 @@ class Flips:
         return 4.0 * changes
 
     def _rest_of_many(self) -> Array:
-        """(free,) lower bounds of what the flips of all others add, without looking at pairs of settled ones."""
+        """(free,) lower bounds of the contribution of all other flips, without pairs of persistent segments."""
         everything = np.arange(len(self.free))
         negative = np.flatnonzero(self._slope < 0.0)
         few, white = np.empty(len(everything)), 2.0 * self._white[negative].T
@@ -240,7 +238,7 @@ class Flips:
 
 
 def _handed_on(slopes: Array, charges: Array, sweeps: int) -> Array:
-    """Slopes (n,) after charges (n, n; row k is charged to k) were handed on to segments with slope to spare."""
+    """Slopes (n,) after charges (n, n; row k is charged to k) were shifted to segments with positive slope."""
     slopes = slopes.copy()
     for _ in range(sweeps):
         if np.all(slopes >= 0.0):

@@ -1,15 +1,16 @@
-"""Certified search: the best signs, a proof that no others cost less, and all others that still matter.
+"""Certified search: the best signs, a proof that no others cost less, and all others of similar cost.
 
-Candidates first. Each joint's rows alone almost decide its pattern up to a flip of the whole joint; the best patterns
-of all joints are combined, priced by the unconstrained bound and settled in the cone in the order of that bound.
+Candidates come first. Each joint's rows alone almost determine its pattern up to a flip of the whole joint. The best
+patterns of all joints are combined, priced by the unconstrained bound, and solved in the cone in the order of that
+bound.
 
-Then the proof. With U the cost of the best signs so far and D_j the least cost of joint j's own rows,
+The proof follows. With U the cost of the best signs so far and D_j the least cost of joint j's own rows,
 
 1. joint by joint: every pattern of joint j's strong segments with a bound under U + Delta - (sum of the other D_i);
 2. joints together: these lists are joined one after the other and cut by the unconstrained bound of all their rows;
 3. in the cone: a semidefinite program, by its dual bound, for the combinations that remain;
-4. what follows: further segments, one after the other, whose sign the decided ones leave no choice (`consequences`);
-5. the weak segments: settled given the rest, and proven by what turning them would cost (`tree`, `flips`).
+4. consequences: further segments, one after the other, whose sign follows from the decided ones (`consequences`);
+5. the weak segments: they get their best signs, which are proven by the cost of flipping them (`tree`, `flips`).
 
 Dropping rows is a valid bound, so weak segments need not be enumerated.
 """
@@ -44,11 +45,11 @@ class Certified(Search):
     """The certified search as a method.
 
     Attributes:
-        budget: nominal seconds of work for the proof (`bayesid.signs.search.protocol`). All proofs of an identification
-            share them, and the fallback with them: what is left of them and a fifth.
-        missed_mass: posterior mass that its list of assignments may leave out, relative to the best assignment's.
-        fallback: another search, which tries too where the budget ends before the proof does.
-        time_limit: seconds on the clock for all searches of an identification; what they end early says so.
+        budget: nominal seconds of work for the proof (`bayesid.signs.search.protocol`), shared by all proofs of an
+            identification; the fallback gets the rest of it and a fifth.
+        missed_mass: posterior mass outside of the list of assignments, relative to the best assignment's.
+        fallback: another search, which runs if the budget ends before the proof.
+        time_limit: wall-clock seconds for all searches of an identification; the result says if it ended a search.
 
     Example:
         >>> search = bayesid.Certified(budget=30.0)
@@ -64,7 +65,7 @@ class Certified(Search):
 
     def __post_init__(self) -> None:
         if not self.fallback.any_model:
-            remedy = "search with a beam to price nodes otherwise"
+            remedy = "use bayesid.Beam with this node solver"
             raise InputError("a certificate holds for least squares in the cone only", "node_cost", remedy)
         check_limits(self, self.budget, self.time_limit)
         if not 0.0 < self.missed_mass < 1.0:
@@ -75,7 +76,7 @@ class Certified(Search):
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
-        """Candidates without a proof; where the fit is poor, a local search too.
+        """Candidates without a proof; a local search too if the fit is poor.
 
         Raises:
             SolverError: a cone problem could not be solved.
@@ -86,7 +87,7 @@ class Certified(Search):
         return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result), steps)
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
+        """The proof; if it does not end, also a local search, a beam, and a local search from the beam's signs.
 
         Raises:
             SolverError: an optimisation failed.
@@ -100,13 +101,13 @@ class Certified(Search):
             result = searched_locally(problem, [result], failures, self._left(result), steps)
         if problem.starts:
             return result
-        left = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
-        fallback = self.fallback.limited(left, self._left(result))
+        seconds = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
+        fallback = self.fallback.limited(seconds, self._left(result))
         with progress.stage("search, beam") as steps:
             other = fallback.find(replace(problem, earlier=result), steps)
-        left, failures = self._left(result, other), TUNING.failures_on_the_way
+        seconds, failures = self._left(result, other), TUNING.failures_on_the_way
         with progress.stage("local search") as steps:
-            return searched_locally(problem, [result, other], failures, left, steps)
+            return searched_locally(problem, [result, other], failures, seconds, steps)
 
     def _left(self, *results: SearchResult) -> float:
         return max(self.time_limit - sum(result.seconds for result in results), 0.0)
@@ -139,15 +140,15 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     """Finds the best signs and proves as much about all others as the budget allows.
 
     Args:
-        normal_equations: scaled moments of S segments.
+        normal_equations: of S segments, scaled.
         solver: for the cone and for H and energy of all segments.
-        budget: nominal seconds of work; the candidates are looked for however few they are.
-        missed: the mass, relative to the best assignment's, that the branches may leave out.
-        start: (P,) parameters of an earlier search; what they predict is a candidate too.
-        steps: called as steps(percent of the budget that is spent, 100); where the search ends, as steps(100, 100).
-        time_limit: seconds on the clock.
-        tuning: how much work to do at each step.
-        signs: (S,) each, that are likely beforehand; they take the place of other candidates.
+        budget: nominal seconds of work; the search for candidates always runs.
+        missed: mass, relative to the best assignment's, that the branches may leave out.
+        start: (P,) parameters of an earlier search; their predicted signs are a candidate.
+        steps: called as steps(percent of the budget, 100), and as steps(100, 100) in the end.
+        time_limit: wall-clock seconds.
+        tuning: work limits of each stage.
+        signs: (S,) each, likely signs; they replace other candidates.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -181,9 +182,9 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
 
 
 def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> Assignment:
-    """What a proof begins with: the signs of an earlier search; without it, or without a budget, the best candidate.
+    """First assignment of a proof: that of an earlier search; without one, or a budget, the best candidate.
 
-    Signs that are likely beforehand take the candidates' place.
+    Likely signs replace the candidates.
     """
     known, begun = problem.normal_equations.known, []
     if start is not None:
@@ -207,7 +208,7 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
         lower_bound=max(min(lower_bound, best.lower_bound), 0.0),  # the cost is a sum of squares
     )
     if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
-        return result  # nothing is proven, or rounding has excluded what is there
+        return result  # nothing is proven, or rounding has excluded the best assignment
     certified = proof.runner_up >= best.cost - problem.exact
     result = replace(
         result,
@@ -217,7 +218,7 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
     )
     kept, optimality_gap, log_missed = _what_matters(proof, best.cost, missed)
     if optimality_gap < 0.0:
-        return result  # the budget has ended while something below the best cost was open
+        return result  # the budget ended with an open node below the best cost
     if result.certified and not _data_agree(problem, best, proof.branches[1:kept]):
         result = replace(result, certified=False, uncertified_because="tikhonov")
     agreed = [
@@ -235,10 +236,10 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
 
 
 def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]) -> bool:
-    """Whether the best branch costs the data least too; only those need be looked at whose Tikhonov term may hide it.
+    """Whether the best assignment has the least data cost too; checks those whose Tikhonov term could change that.
 
-    Of a cost that grows as w^p with the weight of the Tikhonov term, the Tikhonov term is p times the growth; masses
-    that run away near the cone's edge grow as w^(1/3).
+    If a cost grows as w^p with the weight of the Tikhonov term, that term is p times the growth. Masses that diverge
+    near the cone's edge grow as w^(1/3).
     """
     near = [
         branch
@@ -250,9 +251,9 @@ def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]
 
 
 def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
-    """How many branches are kept, within which Delta, and the log of the mass left out, relative to the best's.
+    """Number of listed branches, their Delta, and the log of the mass left out, relative to the best's.
 
-    The proof went farther than it had to: its dearest branches are dropped as long as the mass allows.
+    A proof goes farther than needed, so its most expensive branches are dropped while the mass allows it.
     """
     least = -2.0 * float(np.log(missed))
     masses = np.array([-0.5 * (branch.lower_bound - cost) for branch in proof.branches])
@@ -267,7 +268,7 @@ def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float,
 
 
 def candidate(problem: Problem) -> Assignment:
-    """The best assignment among combinations of each joint's best patterns, without any proof."""
+    """The best combination of each joint's best patterns, without a proof."""
     tuning = problem.tuning
 
     def best_of_all(_: list[int]) -> tuple[Keep, float]:
@@ -289,11 +290,11 @@ def candidate(problem: Problem) -> Assignment:
         problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: tuning.candidates_persistent]
     ]
     best = min(persistent, key=lambda branch: branch.cost)
-    return _turned(problem, problem.price(problem.settle(problem.normal_equations.known, best.theta).signs))
+    return _flipped(problem, problem.price(problem.settle(problem.normal_equations.known, best.theta).signs))
 
 
-def _turned(problem: Problem, branch: Assignment) -> Assignment:
-    """The branch with single segments turned where that pays: those that draw the parameters to their present sign."""
+def _flipped(problem: Problem, branch: Assignment) -> Assignment:
+    """The assignment with single segments flipped where that lowers the cost: those that affect the parameters most."""
     known = problem.normal_equations.known
     unknown = np.flatnonzero(known == 0)
     for _ in range(problem.tuning.flipped):
@@ -312,7 +313,7 @@ def _turned(problem: Problem, branch: Assignment) -> Assignment:
 
 
 def _prove_enough(problem: Problem, best: Assignment, least: Array, log_missed: float) -> Proof:
-    """A proof with a Delta so wide that it leaves out no more than it may, or as far as the budget goes."""
+    """A proof with a Delta wide enough for the allowed missed mass, or as far as the budget allows."""
     optimality_gap = -2.0 * log_missed + problem.tuning.allowance
     while True:
         limit = best.cost + optimality_gap

@@ -1,7 +1,7 @@
-"""Combinations of the joints' patterns that no bound excludes: the joints' own, all rows together, in the cone.
+"""Combinations of the joints' patterns that no bound excludes: by joint, by all rows together, in the cone.
 
-From coarse to fine. A few strong segments of each joint give short lists and few combinations, and on these the cone
-excludes whole flips of joints. Finer lists are then joined within each combination that has survived.
+The search goes from coarse to fine. A few strong segments of each joint give short lists and few combinations. On these
+the cone excludes flips of whole joints. Finer lists are then joined within each remaining combination.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bayesid.signs.search.problem import Problem
 
 
 class TooManyError(Exception):
-    """There are more combinations than are held."""
+    """There are more combinations than `most_combinations`."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class Combinations:
     patterns: Patterns  # their signs and gradients
     lower: Array  # (m,) lower bounds of the cost, weaker segments included
     log_missed: float  # log of the sum of exp(-b / 2) over all other choices, b their bounds
-    thetas: dict[int, Array]  # parameters (P,) of those that were solved, by row
+    thetas: dict[int, Array]  # parameters (P,) of the solved rows
 
     def __len__(self) -> int:
         return len(self.lower)
 
 
 def least_costs(problem: Problem) -> Array:
-    """(blocks,) lower bounds of the joints' own costs: the least of as many segments as a list can decide.
+    """(blocks,) lower bounds of the joints' own costs, from as many segments as a list can decide.
 
     Raises:
         OutOfTimeError: the budget has ended.
@@ -46,7 +46,7 @@ def least_costs(problem: Problem) -> Array:
 
 
 def _ends(problem: Problem, share: float) -> list[int]:
-    """How many segments of each block count in its least cost; in a long log its tail is a block of its own."""
+    """Number of segments of each block in its least cost; in a long log the rest is a separate block."""
     most = problem.tuning.least_group
     lengths = [len(block.segments) for block in problem.blocks]
     strong = [block.strong(share, problem.tuning.listed) for block in problem.blocks]
@@ -54,7 +54,7 @@ def _ends(problem: Problem, share: float) -> list[int]:
 
 
 def _tails(problem: Problem, ends: list[int]) -> list[float]:
-    """Lower bounds of what the segments beyond the ends cost by themselves, with half of rho of the undecided rows."""
+    """Lower bounds of the cost of the remaining segments, with half of rho of the undecided rows."""
     if not problem.tails:
         tikhonov = 0.5 * problem.tuning.undecided_tikhonov / max(1, len(problem.blocks)) * problem.tikhonov
         tails = [block.after(end, tikhonov) for block, end in zip(problem.blocks, ends, strict=True)]
@@ -70,11 +70,11 @@ def _least_cost(problem: Problem, block: Block) -> float:
 
 
 def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
-    """All combinations that may cost up to `limit`, of as many segments as can be afforded (:eq:`joint-bound`).
+    """All combinations that may cost up to `limit`, of as many segments as possible (:eq:`joint-bound`).
 
     Raises:
         OutOfTimeError: the budget has ended.
-        TooManyError: there are too many even of the strongest segment of each joint.
+        TooManyError: even one segment of each joint gives too many.
     """
     shares = problem.tuning.shares
     finest = _Level.make(problem, limit, least, shares[-1])
@@ -95,25 +95,24 @@ def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
 
 @dataclass(frozen=True)
 class _Level:
-    """The segments of all joints from a share of their strongest one's energy on."""
+    """The segments of all joints above a share of their strongest segment's energy."""
 
     problem: Problem  # the problem
     limit: float  # of the cost
     lists: list[Patterns]  # each block's patterns
     least: Array  # (blocks,) lower bounds of the joints' own costs
-    rest: Array  # (blocks,) lower bounds of what the segments that the lists do not decide cost by themselves
+    rest: Array  # (blocks,) lower bounds of the cost of the segments that the lists do not decide
 
     @property
     def depth(self) -> int:
-        """How many segments the lists decide."""
+        """Number of segments that the lists decide."""
         return sum(len(patterns.segments) for patterns in self.lists)
 
     @classmethod
     def make(cls, problem: Problem, limit: float, least: Array, share: float, finest: int = 0) -> _Level:
         """The lists of one level.
 
-        What is excluded here counts as often as it has completions among the `finest` segments that are decided in the
-        end, so the limit is higher.
+        A choice excluded here counts once for each completion among the `finest` segments, so the limit is higher.
         """
         depths = [block.strong(share, problem.tuning.listed) for block in problem.blocks]
         limit += 2.0 * LOG2 * max(0, finest - sum(depths))
@@ -130,9 +129,9 @@ class _Level:
         return cls(problem, limit, lists, least, rest)
 
     def joined(self, coarser: Combinations | None) -> Combinations | None:
-        """All combinations of the lists by unconstrained bounds, within those of a coarser level where one is given.
+        """All combinations of the lists by unconstrained bounds, within those of a coarser level if given.
 
-        None if there are more than may be held, of all joints or of some of them on the way there.
+        None if there are too many, of all joints or of some of them.
         """
         try:
             return self._joined(coarser)
@@ -175,10 +174,10 @@ class _Level:
     def in_the_cone(self, joined: Combinations) -> Combinations:
         """The combinations whose lower bound in the cone is up to the limit.
 
-        A solved problem bounds the rest too: with other signs its cost changes by -2 step' beta, it is strongly convex
-        around its optimum, and the least over all d of d'(H + Q / 2) d - 2 step'(beta + d) remains
-        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share u of the Tikhonov term in
-        the bounds of undecided rows, u (beta + d)' Q (beta + d) <= 2 u beta' Q beta + d' Q d / 2.
+        A solved problem bounds the others too, so few are solved. With other signs its cost changes by -2 step' beta,
+        and it is strongly convex around its optimum; the least over all d of d'(H + Q / 2) d - 2 step'(beta + d)
+        remains (:eq:`convexity-bound`). The other half of Q covers the share u of the Tikhonov term in the bounds of
+        undecided rows, u (beta + d)' Q (beta + d) <= 2 u beta' Q beta + d' Q d / 2.
         """
         problem, patterns, lower = self.problem, joined.patterns, joined.lower.copy()
         hessian, energy = problem.decided_moments(patterns)
@@ -222,10 +221,10 @@ def combine(
     choose: Callable[[list[int]], tuple[Keep, float]],
     order: list[int] | None = None,
 ) -> Patterns:
-    """The joints' lists joined one after the other, the shortest first if no order is given: that takes the least work.
+    """The joints' lists joined one after the other, the shortest first by default, which is the least work.
 
-    `choose` makes, from the blocks that are still to come, what chooses among the combinations of those so far, and
-    a limit of the sum of their separate bounds.
+    `choose` maps the remaining blocks to a function that selects among the combinations so far, and to a limit of the
+    sum of their separate bounds.
     """
     order = _shortest_first(lists) if order is None else order
     joined, hessian, energy = lists[order[0]], np.zeros_like(problem.tikhonov), 0.0

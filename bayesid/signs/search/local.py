@@ -1,14 +1,14 @@
-"""Iterated local search: assignments of signs that fit well where branch and bound does not end.
+"""Iterated local search: assignments of signs that fit well when branch and bound does not end.
 
-A local optimum is an assignment that its own best parameters predict. Signs and parameters fitted in turn lead to one
-from any start. With friction in the model a joint is nearly symmetric by itself (docs/certified-search.md), and some of
-its segments may be mirrored while others are not, so there are many. Starts are the best assignment known with one
-joint turned round, with a pair of joints turned round, then signs that parameters drawn about the best ones predict:
+A local optimum is an assignment that its own best parameters predict. Alternating signs and parameters reaches one from
+any start. With friction in the model a joint is nearly symmetric under a flip (docs/certified-search.md), and so may be
+some of its segments; so there are many local optima. Starts are the best known assignment with one joint flipped, with
+two joints flipped, then signs that drawn parameters predict:
 
     beta + sqrt(T) L^-T z,   L L' = H + Q,   z standard normal,
 
-from a normal distribution that is T times as wide as the likelihood (a tempered distribution). Whatever is better takes
-the place of the best, and the search starts again from there (Lourenco, Martin and Stuetzle 2003).
+a normal distribution T times as wide as the likelihood (tempered). A better assignment becomes the best, and the search
+starts again from it (Lourenco, Martin and Stuetzle 2003).
 """
 
 from __future__ import annotations
@@ -37,22 +37,20 @@ from bayesid.signs.tuning import TUNING
 
 
 class LocalOptima(NamedTuple):
-    """What a local search has met."""
+    """Result of a local search."""
 
-    #: distinct local optima and the assignments it began with, cheapest first; the best is priced as precisely as the
-    #: solver can
+    #: distinct local optima and first assignments, cheapest first; the best is solved precisely
     met: tuple[Assignment, ...]
-    failed: int  #: starts since the best was met, none of which led to a better one
-    starts: int  #: all
+    failed: int  #: starts without improvement since the best was found
+    starts: int  #: number of starts
 
 
 def local_search(
     problem: Problem, begun: Iterable[Assignment], failures: int, seed: int = 0, steps: Steps = no_steps
 ) -> LocalOptima:
-    """Local optima about the best of some assignments, at least one.
+    """Local optima around the best of some assignments, at least one.
 
-    It ends after so many starts without a better assignment (`failures`). `steps` is called as steps(starts, starts at
-    most).
+    Ends after `failures` starts without improvement. `steps` is called as steps(starts, largest number of starts).
     """
     met = {branch.signs.tobytes(): branch for branch in begun}
     best, failed, rng = min(met.values(), key=lambda branch: branch.cost), 0, np.random.default_rng(seed)
@@ -73,7 +71,7 @@ def local_search(
 
 
 def _starts(problem: Problem, best: Assignment, rng: np.random.Generator) -> Iterator[Integers]:
-    """(S,) signs: of the best assignment with joints turned, then as drawn parameters predict; without an end."""
+    """(S,) signs: the best assignment with joints flipped, then predictions of drawn parameters; never ends."""
     normal_equations = problem.normal_equations
     joints = np.unique(normal_equations.joint[normal_equations.known == 0]).tolist()
     for flipped in (*itertools.combinations(joints, 1), *itertools.combinations(joints, 2)):
@@ -90,29 +88,29 @@ def searched_locally(
     time_limit: float = np.inf,
     steps: Steps = no_steps,
 ) -> SearchResult:
-    """The best of some results, searched further; the local optima that come near are its branches.
+    """The best of some results after a local search; local optima of similar cost are its branches.
 
-    The first result says what is proven, if anything. The search ends after so many `failures`, or seconds.
+    Proofs are those of the first result. The search ends after `failures` starts without improvement, or `time_limit`.
     """
     began, inner = time.perf_counter(), Problem(problem.normal_equations, problem.solver(), np.inf, time_limit)
     known, first = problem.normal_equations.known, results[0]
-    thetas = [[one.theta, *(branch.theta for branch in one.branches[: TUNING.most_begun])] for one in results]
+    thetas = [[result.theta, *(branch.theta for branch in result.branches[: TUNING.most_begun])] for result in results]
     begun = [inner.settle(known, theta) for theta in itertools.chain(*thetas)]
     found = local_search(inner, begun, failures, steps=steps)
     best, work = found.met[0], inner.budget.spent
-    ways = (way for one in results for way in one.ways or (Way(one.method, one.cost, one.spent),))
+    ways = (way for result in results for way in result.ways or (Way(result.method, result.cost, result.spent),))
     worked = first.with_work_of(results[1:])
     result = worked.with_best(
         best,
         tikhonov=inner.tikhonov_of(best),
         width=results[-1].width,
         pruning=results[-1].pruning,
-        unlisted_probability=_unseen(first, found),
-        seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
+        unlisted_probability=_unlisted_probability(first, found),
+        seconds=sum(result.seconds for result in results) + time.perf_counter() - began,
         solves=worked.solves + inner.solves,
         timed_out=worked.timed_out or inner.budget.timed_out,
         spent=worked.spent + (work if first.spent > 0.0 else 0.0),
-        tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
+        tolerance=max(inner.tolerance, *(result.tolerance for result in results)),
         ways=(*ways, Way("local search", best.cost, work, found.starts)),
     )
     if first.persistent is not None and np.array_equal(first.signs, best.signs):
@@ -121,10 +119,10 @@ def searched_locally(
     return replace(result, branches=branches, decided=decided, optimality_gap=0.0, missed=np.inf, persistent=None)
 
 
-def _unseen(first: SearchResult, found: LocalOptima) -> float:
-    """Probability that one start more leads to a better assignment, after so many that did not: Laplace's rule.
+def _unlisted_probability(first: SearchResult, found: LocalOptima) -> float:
+    """Probability that another start finds a better assignment: Laplace's rule of succession.
 
-    Where nothing is better than the result that the search began with, the starts that led there count too.
+    If no start improved on the first result, the starts that led to it count too.
     """
     before = 0.5 if found.met[0].cost < first.cost - TUNING.alike else first.unlisted_probability
     return before / (1.0 + found.failed * before)  # 1 / (starts + 2)

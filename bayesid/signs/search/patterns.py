@@ -1,13 +1,13 @@
-"""Patterns: the sign choices of one joint's segments, or of several joints', that a bound does not exclude.
+"""Patterns: sign choices of the segments of one or several joints that a bound does not exclude.
 
-The rows of one joint almost decide its own pattern. With any set D of decided segments, and without the cone,
+The rows of one joint almost determine its own pattern. With any set D of decided segments, and without the cone,
 :eq:`dropped-rows`::
 
     b(s) = min over beta of  sum over k in D of |s_k e_k - Y_k beta|^2 + a share of the Tikhonov term
 
-bounds the cost of every completion from below: the rows left out could only add to it, and so could the cone. So
-patterns whose bound exceeds what can still matter are never looked at again. Segments are decided in the order of
-their energy, which keeps the lists short as long as the data say anything about a sign.
+is a lower bound of the cost of every completion, since further rows and the cone can only raise the cost. So patterns
+with a bound above the limit are dropped. Segments are decided in the order of their energy, which keeps the lists short
+if the data determine the signs.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from bayesid.signs.search.bounds import UnconstrainedBound
 LOG2 = float(np.log(2.0))
 
 Keep = Callable[[Array], Integers]
-"""Chooses, from the bounds (m,) of the next patterns, the indices of those to keep; may raise to stop the work."""
+"""Selects the indices to keep from the bounds (m,) of the next patterns; may raise to stop the work."""
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the segments that are not decided add to a pattern's bound."""
+    """Contribution of the undecided segments to a pattern's bound."""
 
-    undecided: float = 0.0  # lower bound of what their rows cost by themselves
-    total: float = 0.0  # lower bound of what all rows of the joints cost, under any signs
+    undecided: float = 0.0  # lower bound of the cost of their rows
+    total: float = 0.0  # lower bound of the cost of all rows of the joints, under any signs
 
     def __add__(self, other: Remainder) -> Remainder:
-        """Of the joints of both."""
+        """The sum for two sets of joints."""
         return Remainder(self.undecided + other.undecided, self.total + other.total)
 
     def log_mass(self, bound: Array) -> float:
-        """Log of the sum of exp(-b / 2), b what patterns with these bounds cost at least, all segments included."""
+        """Log of the sum of exp(-b / 2), b the lower bounds of patterns with all segments included."""
         return log_sum(np.maximum(bound + self.undecided, self.total))
 
 
@@ -49,10 +49,10 @@ class Patterns:
 
     segments: Integers  # (d,) the decided segments
     signs: Array  # (m, d) +1 or -1
-    gradient: Array  # (m, r) sum of s_k g_k over the decided segments and those known beforehand
+    gradient: Array  # (m, r) sum of s_k g_k over the decided and the known segments
     bound: Array  # (m,) lower bounds of the cost
-    remainder: Remainder = Remainder()  # of the segments that are not decided
-    # log of the sum of exp(-b / 2) over all patterns of the same segments that were not kept
+    remainder: Remainder = Remainder()  # of the undecided segments
+    # log of the sum of exp(-b / 2) over all dropped patterns of the same segments
     log_missed: float = -np.inf
 
     def __len__(self) -> int:
@@ -64,20 +64,20 @@ class Patterns:
         return float(np.logaddexp(self.remainder.log_mass(self.bound), self.log_missed))
 
     def __getitem__(self, rows: Integers | Mask) -> Patterns:
-        """Some of the patterns, as if they were all that had been kept."""
+        """Some of the patterns, without counting the others as dropped."""
         return replace(self, signs=self.signs[rows], gradient=self.gradient[rows], bound=self.bound[rows])
 
     def beginning_with(self, decided: Integers) -> Patterns:
-        """Those that agree with the signs that are decided (S,), 0 for all others."""
+        """Patterns that agree with decided signs (S,), 0 for undecided."""
         detected = decided[self.segments]
         return self[np.flatnonzero(np.all((self.signs == detected) | (detected == 0), axis=1))]
 
 
 class Block:
-    """The segments of one joint in the order in which they are decided; prepares its bounds once.
+    """The segments of one joint in the order of decision; prepares its bounds once.
 
-    Segments that share a part of the Hessian are never decided. `known` are those whose sign is known beforehand,
-    `segments` the others, strongest first; `tikhonov` (r, r) is this block's share of it.
+    Segments that share a part of the Hessian are never decided. `known` are those of known sign, `segments` the others,
+    strongest first; `tikhonov` (r, r) is this block's share of the Tikhonov term.
     """
 
     def __init__(self, normal_equations: NormalEquations, known: Integers, segments: Integers, tikhonov: Array) -> None:
@@ -103,9 +103,9 @@ class Block:
         return Block(self._normal_equations, self.segments[:0], self.segments[depth:end], tikhonov)
 
     def groups(self, size: int) -> list[Block]:
-        """The block in groups of about `size` segments, each with strong and weak ones, that cost no more than it does.
+        """The block in groups of about `size` segments of mixed strength; the sum of their costs is a lower bound.
 
-        Each may have coefficients of its own, so that the sum of their costs is a lower bound of the block's.
+        Each group has its own coefficients, so the sum is at most the block's cost.
         """
         count = max(1, -(-len(self.segments) // size))
         if count == 1:
@@ -115,7 +115,7 @@ class Block:
         return [Block(self._normal_equations, *pair, self._tikhonov / count) for pair in zip(known, parts, strict=True)]
 
     def strong(self, share: float, most: int) -> int:
-        """How many segments have at least this share of the strongest one's energy; at most `most`."""
+        """Number of segments with at least this share of the strongest one's energy; at most `most`."""
         energy = self._normal_equations.energy[self.segments[:most]]
         return int(np.sum(energy >= share * energy.max(initial=0.0)))
 
@@ -132,10 +132,10 @@ class Block:
         return self._grow(depth, None, Remainder(), lambda bound, _: np.argsort(bound, kind="stable")[:width])
 
     def least(self, width: int, longest: int, check: Callable[[int], None], rounding: float) -> float:
-        """Lower bound of the cost of every pattern: the least of as many segments as a list of `longest` can decide.
+        """Lower bound of the cost of every pattern, from as many segments as a list of `longest` can decide.
 
-        The best of the `width` patterns of a beam says how far the list must go, allowing for rounding; where that is
-        larger, the best child is followed all the same. `check` is called as by `within`.
+        The best of `width` patterns of a beam gives the limit of the list, with an allowance for rounding. The best
+        child is kept even above it. `check` is called as in `within`.
         """
         depth = len(self.segments)
         upper = float(self.best(width, depth).bound.min()) + rounding
@@ -149,11 +149,11 @@ class Block:
     def within(
         self, limit: float, depth: int, longest: int, check: Callable[[int], None], remainder: Remainder = Remainder()
     ) -> Patterns:
-        """All patterns of the first `depth` segments with a bound up to `limit`, or of as many as `longest` can hold.
+        """All patterns of the first `depth` segments, or fewer if `longest` requires it, with a bound up to `limit`.
 
-        The limit is higher while segments are still to come, by 2 log 2 for each: what is excluded then counts as often
-        as it has completions. `check` is called at every segment with the number of patterns priced; it may raise to
-        stop the work.
+        The limit is higher by 2 log 2 for each later segment, since an excluded pattern counts once for each
+        completion. `check` is called at every segment with the number of patterns priced; it may raise to stop the
+        work.
         """
 
         def keep(bound: Array, to_come: int) -> Integers:
@@ -213,20 +213,20 @@ def join(
     limit: float = np.inf,
     pairs_at_once: int = 50_000,
 ) -> Patterns:
-    """All pairs of patterns of two sets of segments that are kept, with the bound of their rows together.
+    """The kept pairs of patterns of two sets of segments, with the bound of their rows together.
 
     H (r, r), with shares of the Tikhonov term, and c are those of both. Pairs whose separate bounds add up to more than
-    a limit are not looked at; `keep` is called for `pairs_at_once`, which bounds the memory.
+    `limit` are skipped. `keep` is called for `pairs_at_once` pairs, which limits the memory.
     """
     unconstrained = UnconstrainedBound(hessian, 0.0)
     at_once = max(1, pairs_at_once // max(1, len(second)))
-    # Whatever one list misses is paired with all of the other: its cost is at least the sum of their bounds.
+    # A dropped pattern of one list pairs with all of the other; the cost is at least the sum of their bounds.
     remainder = first.remainder + second.remainder
     log_missed = float(np.logaddexp(first.log_missed + second.log_mass, first.log_mass + second.log_missed))
     pairs, gradients, bounds = [np.empty(0, dtype=np.int64)], [first.gradient[:0]], [first.bound[:0]]
     for start in range(0, len(first), at_once):
         apart = (first.bound[start : start + at_once, None] + second.bound).ravel()
-        hopeful = np.flatnonzero(apart <= limit)  # costs nothing
+        hopeful = np.flatnonzero(apart <= limit)  # a cheap test
         pair = start * len(second) + hopeful
         gradient = first.gradient[pair // len(second)] + second.gradient[pair % len(second)]
         bound = np.maximum(energy + unconstrained(gradient), apart[hopeful])

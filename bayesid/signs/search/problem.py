@@ -1,4 +1,4 @@
-"""The sign problem of one set of moments: what every stage of the certified search shares."""
+"""The sign problem of one log, shared by all stages of the certified search."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bayesid.signs.search.protocol import EXACT, Assignment, Budget, predicted_s
 from bayesid.signs.tuning import TUNING, Tuning
 
 _ROUNDING = 1e-8
-"""Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound: a round number far
-above double precision."""
+"""Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound; far above double
+precision."""
 
 
 class OutOfTimeError(Exception):
@@ -23,14 +23,14 @@ class OutOfTimeError(Exception):
 
 
 class Problem:
-    """The normal equations, one block for each joint, and what is prepared once; counts what was done.
+    """Normal equations, one block for each joint, and prepared bounds; counts the work.
 
     The Tikhonov term (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`tikhonov-share`). The first
-    part is shared among the joints' own bounds, which keeps them well conditioned and lets them add up: a small share
-    of it (`undecided_tikhonov`) among the rows that are not decided, the rest among those that are. The second part is
-    `slack`, by which the sum may be too high (with an allowance for rounding).
+    part is divided among the joints' bounds, which keeps them well conditioned and additive: a small share
+    (`undecided_tikhonov`) goes to undecided rows, the rest to decided ones. The second part is `slack`, by which the
+    sum may be too high (with an allowance for rounding).
 
-    `steps` is called as steps(percent of the budget that is spent, 100), while there is any left.
+    `steps` is called as steps(percent of the budget, 100) until the budget is spent.
     """
 
     def __init__(
@@ -43,19 +43,19 @@ class Problem:
         steps: Steps = no_steps,
     ) -> None:
         self.tikhonov, centre = solver.tikhonov()
-        self.budget = Budget(budget, len(self.tikhonov), time_limit)  # the work that may be done
+        self.budget = Budget(budget, len(self.tikhonov), time_limit)  # limit of the work
         self.normal_equations, self.solver, self.tuning = normal_equations, solver, tuning
         self._hessian, self.energy = normal_equations.hessian.total(), float(normal_equations.energy.sum())
         self.unconstrained = UnconstrainedBound(self._hessian + self.tikhonov, 0.0)
-        self.exact = EXACT * self.energy  # cost below which two assignments count as equal
+        self.exact = EXACT * self.energy  # cost difference below which two assignments are equal
         self.rounding = _ROUNDING * self.energy
-        # to be taken from an unconstrained bound
+        # subtracted from an unconstrained bound
         self.slack = float(centre @ self.tikhonov @ centre) + self.rounding
         self.blocks = make_blocks(normal_equations, (0.5 - tuning.undecided_tikhonov) * self.tikhonov)
         self.solves = self.combined = 0  # cone problems solved, combinations of several joints' patterns priced
         self.tolerance = 0.0  # coarsest relative gap of a cone problem
-        self.tails: list[float] = []  # lower bounds of what the weak segments of each block cost, once known
-        self._tell, self._told = steps, 0
+        self.tails: list[float] = []  # lower bounds of the cost of each block's weak segments, once computed
+        self._tell, self._reported = steps, 0
         self._prepared = solver.prepared(self._hessian)
         self._priced: dict[bytes, Assignment] = {}
         self._solved: dict[bytes, Assignment] = {}
@@ -66,31 +66,31 @@ class Problem:
         return self.combined + sum(block.nodes for block in self.blocks)
 
     def count(self, choices: int) -> None:
-        """Takes down a step of the work, in which so many sign choices were priced."""
+        """Counts a step with this many priced sign choices."""
         self.budget.count(steps=1, choices=choices)
         self._report()
 
     def _report(self) -> None:
         whole = self.budget.seconds
         percent = int(100.0 * self.budget.spent / whole) if 0.0 < whole < np.inf else 0
-        if self._told < percent < 100:
-            self._told = percent
+        if self._reported < percent < 100:
+            self._reported = percent
             self._tell(percent, 100)
 
     def check(self, choices: int) -> None:
-        """Takes down a step, and raises OutOfTimeError when the budget has ended."""
+        """Counts a step, and raises OutOfTimeError after the end of the budget."""
         self.count(choices)
         if self.budget.over:
             raise OutOfTimeError
 
     def decided(self, patterns: Patterns, row: int) -> Integers:
-        """(S,) the signs known beforehand and those of a pattern; 0 elsewhere."""
+        """(S,) known signs and those of a pattern; 0 elsewhere."""
         signs = self.normal_equations.known.copy()
         signs[patterns.segments] = patterns.signs[row]
         return signs
 
     def decided_moments(self, patterns: Patterns) -> tuple[Array, float]:
-        """(r, r) H and energy of the segments known beforehand and those that the patterns decide."""
+        """(r, r) H and energy of the known segments and those that the patterns decide."""
         rows = np.concatenate([np.flatnonzero(self.normal_equations.known), patterns.segments])
         return self.normal_equations.hessian_of(rows), float(self.normal_equations.energy[rows].sum())
 
@@ -99,13 +99,13 @@ class Problem:
         return self._counted(prepared.solve(gradient))
 
     def complete(self, decided: Integers, theta: Array) -> Assignment:
-        """The undecided segments (0 in `decided`, (S,)) with the signs that theta (P,) predicts, and the best cost."""
+        """Undecided segments (0 in `decided`, (S,)) get the signs that theta (P,) predicts; with the best cost."""
         return self._known(self._completed(decided, theta))
 
     def settle(self, decided: Integers, theta: Array) -> Assignment:
-        """The undecided segments (0 in `decided`, (S,)) and the parameters settled in turn, starting from theta (P,).
+        """Alternates undecided segments (0 in `decided`, (S,)) and parameters, from theta (P,), to a local optimum.
 
-        Neither step can raise the cost. The lower bound is that of the resulting signs alone.
+        Neither step can raise the cost. The lower bound is for the resulting signs only.
         """
         signs = self._completed(decided, theta)
         for _ in range(self.tuning.settling_rounds):
@@ -117,7 +117,7 @@ class Problem:
         return self._known(signs)
 
     def settle_from(self, signs: Integers) -> Assignment:
-        """The same with all segments undecided but those known beforehand, from the best parameters for signs (S,)."""
+        """The same with all unknown segments undecided, from the best parameters for signs (S,)."""
         return self.settle(self.normal_equations.known, self._known(signs).theta)
 
     def _known(self, signs: Integers) -> Assignment:
@@ -127,7 +127,7 @@ class Problem:
         return self._solved[key]
 
     def price(self, signs: Integers) -> Assignment:
-        """The best parameters for given signs (S,), as precisely as the solver can; the same signs are solved once."""
+        """The best parameters for given signs (S,), solved precisely; equal signs are solved once."""
         key = _key(signs)
         if key not in self._priced:
             solution = self._prepared.solve_precisely(signs @ self.normal_equations.gradient)
@@ -135,11 +135,11 @@ class Problem:
         return self._priced[key]
 
     def tikhonov_of(self, branch: Assignment) -> float:
-        """What the Tikhonov term adds to the cost of a branch."""
+        """The Tikhonov term in the cost of an assignment."""
         return self.solver.regularisation(branch.theta)
 
     def data_cost(self, branch: Assignment) -> tuple[float, float]:
-        """Lower bound and value of what a branch costs the data, with next to nothing of the Tikhonov term."""
+        """Lower bound and value of an assignment's data cost, with a negligible Tikhonov term."""
         lighter = self.solver.lighter(self.tuning.lighter_tikhonov)
         solution = self._counted(
             lighter.prepared(self._hessian).solve_precisely(branch.signs @ self.normal_equations.gradient)
@@ -148,12 +148,12 @@ class Problem:
         return min(self.energy + solution.lower_bound, value), value
 
     def flips(self, branch: Assignment, free: Integers) -> Flips:
-        """What turning some of the free segments of a branch costs."""
+        """Bounds of the cost of flipping free segments of an assignment."""
         self.budget.count(pairs=len(free) ** 2)
         return self._flips(branch, free)
 
     def single_flips(self, branch: Assignment, free: Integers) -> Array:
-        """(free,) lower bounds of what turning one of the free segments by itself costs."""
+        """(free,) lower bounds of the change if one free segment is flipped."""
         return self._flips(branch, free).alone
 
     def _flips(self, branch: Assignment, free: Integers) -> Flips:

@@ -1,12 +1,11 @@
-"""What every search for signs answers to, what it is given, and what it returns.
+"""Interface of all sign searches: their input, methods and results.
 
-A log is searched in rounds (`bayesid.signs.rounds`): each round asks a search to `find` the signs of the segments, and
-splits those segments whose predicted effort crosses zero. Once none is split any more, the search may `certify`.
+A log is searched in rounds (`bayesid.signs.rounds`). Each round asks a search to `find` the signs of the segments, and
+splits segments whose predicted effort crosses zero. When none is split any more, the search may `certify`.
 
-A budget in seconds of the clock would end wherever the machine has got to by then. Searches count their work instead,
-in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs of segments, each times about what it
-takes on one core. The same log gives the same result on a busy machine. A time limit on the clock ends a search too,
-which its result then says.
+Searches count their work in *nominal seconds* instead of wall-clock time: numbers of steps, sign choices, cone problems
+and pairs of segments, each times its typical time on one core. So the same log gives the same result on a busy machine.
+A wall-clock limit can end a search too; its result then says so.
 """
 
 from __future__ import annotations
@@ -32,36 +31,36 @@ from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.tuning import TUNING
 
 EXACT = 1e-8
-"""Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
-gaps (tests/regression/test_solver.py)."""
+"""Share of the energy below which two costs are equal (docs/certified-search.md): the gap of the finest solutions
+(tests/regression/test_solver.py)."""
 
 
 @dataclass(frozen=True)
 class Assignment:
     """One assignment of signs and the best parameters under it."""
 
-    signs: Integers  #: (S,) +1 or -1 for each segment of the moments
+    signs: Integers  #: (S,) +1 or -1 for each segment
     theta: Array  #: (P,) best feasible parameters
     #: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise (:eq:`assignment-cost`)
     cost: float
-    #: proven bound on the cost of every assignment that the branch stands for: those with the same signs in the
-    #: segments that the proof decided one by one, whatever the signs of the weak ones
+    #: proven lower bound of the cost of all assignments of the branch: those with the same signs in the segments that
+    #: the proof decided one by one, for any signs of the weak ones
     lower_bound: float
 
 
 @dataclass(frozen=True)
 class Pruning:
-    """What became of the nodes of a beam: those that were grown were pruned either way, or survived their step."""
+    """Numbers of a beam's nodes by how they were pruned."""
 
     grown: int = 0  #: sign choices
     by_bound: int = 0  #: pruned by the unconstrained bound, without a cone problem
     by_cone: int = 0  #: pruned by their cost in the cone
-    survived: int = 0  #: a step, the last one too
-    leaves: int = 0  #: that survived the last step
-    undecided: int = 0  #: segments that no step had decided when time was up: each leaf predicts their signs
+    survived: int = 0  #: in all steps, including the last
+    leaves: int = 0  #: survivors of the last step
+    undecided: int = 0  #: segments undecided when the budget ended; each leaf predicts their signs
 
     def __add__(self, other: Pruning) -> Pruning:
-        """The work of both, and what the last step of the first has left, which is no work."""
+        """Sums of both; leaves and undecided segments are those of the first."""
         both = {
             name: getattr(self, name) + getattr(other, name) for name in ("grown", "by_bound", "by_cone", "survived")
         }
@@ -69,12 +68,12 @@ class Pruning:
 
 
 def with_flipped(normal_equations: NormalEquations, signs: Integers, joints: int | Sequence[int]) -> Integers:
-    """(S,) the signs (S,) with all unknown ones of some joints, or of one, turned round."""
+    """(S,) the signs (S,) with all unknown ones of one or several joints flipped."""
     return np.where(np.isin(normal_equations.joint, joints) & (normal_equations.known == 0), -signs, signs)
 
 
 def predicted_signs(normal_equations: NormalEquations, beta: Array, decided: Integers | None = None) -> Integers:
-    """(S,) the signs that coefficients (r,) predict where none is decided (S,), by default known beforehand."""
+    """(S,) signs that coefficients (r,) predict; decided signs (S,) are kept, by default the known ones."""
     decided = normal_equations.known if decided is None else decided
     return np.where(decided != 0, decided, np.where(normal_equations.gradient @ beta >= 0.0, 1, -1))
 
@@ -82,9 +81,9 @@ def predicted_signs(normal_equations: NormalEquations, beta: Array, decided: Int
 def listed_without_proof(
     normal_equations: NormalEquations, best: Assignment, others: Iterable[Assignment]
 ) -> tuple[tuple[Assignment, ...], Mask]:
-    """The best assignment and those that come near, cheapest first, and (B, S) segments that each decides.
+    """The best assignment and those of similar cost, cheapest first, and (B, S) segments that each decides.
 
-    A branch decides the strong segments and those in which branches differ; it stands for all signs of the others.
+    A branch decides the strong segments and those in which branches differ. It includes all signs of the others.
     """
     distinct = {branch.signs.tobytes(): branch for branch in [*others, best]}.values()
     near = (branch for branch in distinct if branch.cost <= best.cost + TUNING.near)
@@ -99,36 +98,36 @@ def listed_without_proof(
 
 @dataclass(frozen=True)
 class Way:
-    """What one way of searching has found."""
+    """Result of one stage of a search."""
 
-    #: "candidates", "earlier signs" (found under another model), "branch and bound", "local search", "beam", or "final
-    #: noise weights" (another assignment is cheaper by these; its cost does not compare with the others')
+    #: "candidates", "earlier signs" (of another model), "branch and bound", "local search", "beam", or "final noise
+    #: weights" (another assignment is cheaper by these weights; its cost cannot be compared with the others)
     name: str
     cost: float  #: of its best assignment
     spent: float = 0.0  #: nominal seconds of work
-    starts: int = 0  #: how often it began from other signs; 0 where that means nothing
+    starts: int = 0  #: number of starts; 0 if it does not apply
 
 
 @dataclass(frozen=True)
 class SearchResult:
     """The best assignment of a search, and what is proven about all others."""
 
-    signs: Integers  #: (S,) +1 or -1 for each segment of the moments
+    signs: Integers  #: (S,) +1 or -1 for each segment
     theta: Array  #: (P,) best feasible parameters under these signs
     #: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise (:eq:`assignment-cost`)
     cost: float
     method: str  #: of the search
-    width: int | None = None  #: of the beam; None if it was unlimited or there was none
-    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the Tikhonov term and
-    #: without it, by the noise weights of the search and by those of its result
+    width: int | None = None  #: of the beam; None if unlimited or without a beam
+    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with and without the
+    #: Tikhonov term, by the noise weights of the search and of its result
     certified: bool = False
     lower_bound: float | None = None  #: proven bound on the cost of every assignment, or None
     nodes: int = 0  #: priced by the unconstrained bound
     solves: int = 0  #: cone problems solved
-    tolerance: float = 0.0  #: coarsest relative gap among them
-    seconds: float = 0.0  #: of wall time
-    #: the best assignment and all others that may cost at most `optimality_gap` more, cheapest first; of a beam, the
-    #: leaves that survived its last step; empty if neither was had
+    tolerance: float = 0.0  #: coarsest relative gap of these
+    seconds: float = 0.0  #: wall-clock time
+    #: the best assignment and all others that may cost at most `optimality_gap` more, cheapest first; for a beam, the
+    #: leaves; empty if neither exists
     branches: tuple[Assignment, ...] = ()
     optimality_gap: float = 0.0  #: Delta, in units of the cost
     #: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by one that
@@ -136,26 +135,26 @@ class SearchResult:
     missed: float = np.inf
     #: (S,) whether all assignments within Delta give the segment the same sign; None if nothing is proven
     persistent: Mask | None = None
-    #: (B, S) segments that each branch decides one by one; it stands for all signs of the others
+    #: (B, S) segments that each branch decides one by one; a branch includes all signs of the others
     decided: Mask | None = None
-    #: why a proof is no certificate: "tikhonov" where another assignment may cost the data less, "noise" where the best
+    #: why a proof is no certificate: "tikhonov" if another assignment may have a lower data cost, "noise" if the best
     #: assignment depends on the noise weights; empty otherwise
     uncertified_because: str = ""
-    tikhonov: float | None = None  #: what rho adds to the cost; None if the nodes' price is the user's
-    pruning: Pruning | None = None  #: what became of a beam's nodes; None without one
-    spent: float = 0.0  #: nominal seconds of work; 0 where the search had no budget
-    #: whether the time limit on the clock has ended it: a faster machine may give another result
+    tikhonov: float | None = None  #: Tikhonov term in the cost; None with a user's node solver
+    pruning: Pruning | None = None  #: of a beam's nodes; None without a beam
+    spent: float = 0.0  #: nominal seconds of work; 0 without a budget
+    #: whether the wall-clock limit ended it; a faster machine may give another result
     timed_out: bool = False
-    ways: tuple[Way, ...] = ()  #: what each way of searching has found, in the order in which they were tried
-    #: probability that an assignment which nobody has looked at is the right one; 0 where a proof excludes it
+    ways: tuple[Way, ...] = ()  #: result of each stage, in the order of the stages
+    #: probability that an unlisted assignment is the right one; 0 if a proof excludes it
     unlisted_probability: float = 0.5
 
     def with_best(self, branch: Assignment, **changes: Any) -> SearchResult:
-        """The result with other signs, and other changes."""
+        """The result with another best assignment, and other changes."""
         return replace(self, signs=branch.signs, theta=branch.theta, cost=branch.cost, **changes)
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
-        """The result with nodes, solves and pruning of other searches counted too."""
+        """The result with the work of other searches added."""
         every = [self, *others]
         counted = [result.pruning for result in every[1:] if result.pruning is not None]
         return replace(
@@ -168,9 +167,9 @@ class SearchResult:
         )
 
     def without_work(self) -> SearchResult:
-        """The result as one that took none."""
-        left = self.pruning and Pruning(leaves=self.pruning.leaves, undecided=self.pruning.undecided)
-        return replace(self, nodes=0, solves=0, spent=0.0, pruning=left)
+        """The result with zero work."""
+        pruning = self.pruning and Pruning(leaves=self.pruning.leaves, undecided=self.pruning.undecided)
+        return replace(self, nodes=0, solves=0, spent=0.0, pruning=pruning)
 
 
 @dataclass(frozen=True)
@@ -180,11 +179,11 @@ class SignProblem:
     normal_equations: NormalEquations  #: of S segments, rows in units of the noise
     cone: Cone  #: the cone of the model's P parameters
     coefficients: BaseCoefficients  #: the model's r base coefficients
-    #: the result of the search before, on this log but perhaps on longer segments and with other noise; None in the
-    #: first round
+    #: the result of the search before, on this log but maybe on longer segments and with other noise; None in the first
+    #: round
     earlier: SearchResult | None = None
-    starts: tuple[Integers, ...] = ()  #: (S,) each, signs that are likely beforehand, say those under another model
-    unlisted_probability: float = 0.5  #: `SearchResult.unlisted_probability` of the search that these are from.
+    starts: tuple[Integers, ...] = ()  #: (S,) each, likely signs, such as those under another model
+    unlisted_probability: float = 0.5  #: `SearchResult.unlisted_probability` of the search that gave them
 
     @cached_property
     def hessian(self) -> Array:
@@ -201,16 +200,16 @@ class SignProblem:
         return ConeLeastSquares(self.cone, self.coefficients, self.hessian, self.energy)
 
     def is_poor(self, result: SearchResult) -> bool:
-        """Whether a joint's residual exceeds `poor_fit` of its effort: the search may have gone wrong."""
+        """Whether a joint's relative residual exceeds `poor_fit`; the signs may then be wrong."""
         n_joints = int(self.normal_equations.joint.max(initial=-1)) + 1
         residual = self.normal_equations.residual_sd(self.coefficients.project(result.theta), result.signs, n_joints)
         return bool(np.any(residual >= REGRESSION.poor_fit * self.normal_equations.rms_effort(n_joints)))
 
 
 class Search(ABC):
-    """A method of finding signs; best a frozen dataclass, whose `repr` then says in a result how it was searched.
+    """A method of finding signs; a frozen dataclass gives a `repr` that documents the search in a result.
 
-    A search of your own derives from this class and defines `find`.
+    Your own search derives from this class and defines `find`.
 
     Example:
         >>> class Guess(bayesid.Search):
@@ -223,21 +222,21 @@ class Search(ABC):
 
     @property
     def any_model(self) -> bool:
-        """Whether it can search under another model than the one asked for, as a second opinion or completed."""
+        """Whether it may search under models other than the requested one."""
         return True
 
     @property
     def budget(self) -> float:
-        """Nominal seconds of work that all its runs in an identification share; without an end by default."""
+        """Nominal seconds of work for all its runs in an identification; unlimited by default."""
         return np.inf
 
     @property
     def time_limit(self) -> float:
-        """Seconds on the clock that they may take."""
+        """Wall-clock seconds for them."""
         return np.inf
 
     def limited(self, budget: float, time_limit: float) -> Search:
-        """The same search with another budget, nominal seconds, and time limit, seconds; by default as it is."""
+        """The same search with another budget, nominal seconds, and time limit, seconds; unchanged by default."""
         return self
 
     @abstractmethod
@@ -258,15 +257,15 @@ class Search(ABC):
         """
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """The last word, once no segment is split any more: by default the last round's result.
+        """Final result once no segment is split any more; by default the last round's.
 
         Args:
-            problem: the sign problem of the last round; its `earlier` is that round's result, its noise has been
-                estimated with it.
+            problem: the sign problem of the last round; `earlier` is that round's result, which gave the noise.
+            progress: of its stages.
             progress: of its stages.
 
         Returns:
-            The result; its `nodes` and `solves` count the work of this step only.
+            The result; `nodes` and `solves` count the work of this step only.
 
         Raises:
             SolverError: an optimisation failed.
@@ -283,10 +282,10 @@ class Search(ABC):
 
 
 def check_limits(options: object, budget: float, time_limit: float, *, endless: bool = False) -> None:
-    """Refuses a budget or a time limit, among some options, that is no number of seconds.
+    """Checks that budget and time limit, among some options, are valid numbers of seconds.
 
     Raises:
-        InputError: says so.
+        InputError: they are not.
     """
     of, remedy = type(options).__name__, "give 0 or more seconds"
     if not (budget >= 0.0 and (endless or budget < np.inf)):
@@ -296,15 +295,15 @@ def check_limits(options: object, budget: float, time_limit: float, *, endless: 
 
 
 class Budget:
-    """The work that may be done, and what of it is done.
+    """A limit of work, and the work done.
 
     Args:
         seconds: nominal seconds of work.
-        coefficients: r, by which the price of a sign choice goes.
-        time_limit: seconds of the clock from now on.
+        coefficients: r, which scales the work of a sign choice.
+        time_limit: wall-clock seconds from now.
 
     Attributes:
-        timed_out: whether the time limit has ended it before the work was done.
+        timed_out: whether the time limit ended it before the nominal seconds.
     """
 
     def __init__(self, seconds: float = np.inf, coefficients: int = 0, time_limit: float = np.inf) -> None:
@@ -313,7 +312,7 @@ class Budget:
         self._steps = self._choices = self._solved = self._pairs = 0
 
     def count(self, steps: int = 0, choices: int = 0, parameters: int = 0, pairs: int = 0) -> None:
-        """Takes down work: steps, sign choices that were priced, a cone problem of P parameters, pairs of segments."""
+        """Counts work: steps, priced sign choices, a cone problem of P parameters, pairs of segments."""
         self._steps += steps
         self._choices += choices
         self._solved += parameters**2
@@ -321,7 +320,7 @@ class Budget:
 
     @contextmanager
     def at_most(self, seconds: float) -> Iterator[None]:
-        """Ends at so many nominal seconds, for a while."""
+        """Limits the budget to these nominal seconds, as a context manager."""
         whole, self.seconds = self.seconds, min(self.seconds, seconds)
         try:
             yield
@@ -346,8 +345,7 @@ class Budget:
 class OneBudget(Search):
     """A search whose runs share one budget, for all rounds and models of an identification.
 
-    What follows once it is spent shares a fifth of it: the sum stays within what was asked for and that. The time limit
-    counts from `began`, on the clock of `time.perf_counter`.
+    Runs after its end share a fifth more. The time limit counts from `began`, on the clock of `time.perf_counter`.
     """
 
     def __init__(self, search: Search, began: float) -> None:
@@ -363,15 +361,15 @@ class OneBudget(Search):
         return self._counted(self._left.find(problem, steps))
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """The last word."""
+        """Final result."""
         return self._counted(self._left.certify(problem, progress))
 
     @property
     def _left(self) -> Search:
-        left = self._search.budget - self._spent
-        if left <= 0.0:
-            left = max(left + TUNING.budget_afterwards * self._search.budget, 0.0)
-        return self._search.limited(left, max(self._search.time_limit - (time.perf_counter() - self._began), 0.0))
+        seconds = self._search.budget - self._spent
+        if seconds <= 0.0:
+            seconds = max(seconds + TUNING.budget_afterwards * self._search.budget, 0.0)
+        return self._search.limited(seconds, max(self._search.time_limit - (time.perf_counter() - self._began), 0.0))
 
     def _counted(self, result: SearchResult) -> SearchResult:
         self._spent += result.spent
@@ -379,18 +377,18 @@ class OneBudget(Search):
 
 
 class PreparedNode(Protocol):
-    """What prices the nodes of one depth."""
+    """Prices the nodes of one depth."""
 
     def solve(self, gradient: Array) -> Solution:
         """The best parameters for g (r,)."""
 
 
 class NodeSolver(Protocol):
-    """What prices the nodes of a beam."""
+    """Prices the nodes of a beam."""
 
     def prepared(self, hessian: Array) -> PreparedNode:
-        """Prepares for the H (r, r) of one depth; never changes what has been prepared before."""
+        """Prepares for H (r, r) of one depth; must not change earlier prepared nodes."""
 
 
 NodeCostFactory = Callable[[Cone, BaseCoefficients, Array, float], NodeSolver]
-"""Makes the price of a node from the model's cone and coefficients and the moments H (r, r) and c of all data."""
+"""Makes a node solver from the model's cone and coefficients, and H (r, r) and c of all data."""

@@ -1,25 +1,25 @@
-"""The proof's tree: from combinations of the joints' patterns to branches whose every completion is accounted for.
+"""The proof's tree: from combinations of the joints' patterns to branches that cover all completions.
 
-Consequences are what decided signs say about further segments, one at a time. Let D be the decided segments, l the
-least cost of their rows with half of the Tikhonov term, beta the coefficients where it is had and H its curvature.
-Three things follow for another segment k, with v_k = g_k' H^-1 g_k:
+Consequences are signs that follow from decided ones, segment by segment. Let D be the decided segments, l the least
+cost of their rows with half of the Tikhonov term, beta the coefficients at that minimum and H its curvature. Three
+things follow for another segment k, with v_k = g_k' H^-1 g_k:
 
-1. Its efforts leave (c_k - s g_k' beta)^2 / c_k along their own direction at least, so that its sign s costs at least
+1. Its efforts leave at least (c_k - s g_k' beta)^2 / c_k along their own direction, so its sign s costs at least
    :eq:`consequence`::
 
        l + (c_k - s g_k' beta)^2 / (c_k + v_k).
 
-   A sign whose bound exceeds the limit is excluded; where both are, so is what has been decided.
-2. An assignment that costs at most L has its best coefficients where |g_k' (beta* - beta)| <= sqrt(v_k (L - l)). Where
-   that cannot change the sign of g_k' beta, the other sign is dearer, whatever the others are, by the gain
+   A sign whose bound exceeds the limit is excluded. If both are, the decided signs are excluded.
+2. An assignment with a cost up to L has its best coefficients where |g_k' (beta* - beta)| <= sqrt(v_k (L - l)). If that
+   cannot change the sign of g_k' beta, the other sign costs more, for any signs of the others, by the gain
 
        4 (|g_k' beta| - sqrt(v_k (L - l)))
 
-   (:eq:`prediction`). So no assignment up to L is lost if the predicted sign is assumed, and its rows count as well.
-3. Every assignment in which an assumed sign is turned costs its gain more than one in which none is.
+   (:eq:`prediction`). So no assignment up to L is lost if the predicted sign is assumed, and its rows count too.
+3. Every assignment with an assumed sign flipped costs the gain more than one without a flip.
 
-What has been decided or assumed says more about the rest. What is assumed leans on what was assumed before, never on
-what came after it. So once signs have been excluded by their gains, all that is left of the assumptions is made anew.
+Decided and assumed signs determine further ones. An assumption uses earlier assumptions only. So after signs were
+excluded by their gains, the other assumptions are made again.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from bayesid.signs.search.protocol import Assignment
 
 @dataclass(frozen=True)
 class Consequences:
-    """What follows from a partial assignment."""
+    """Consequences of a partial assignment."""
 
-    decided: Integers  # (S,) +1 or -1 where the other sign is excluded, else 0
-    signs: Integers  # (S,) the same, and the signs that are assumed
-    gain: Array  # (S,) by how much the other sign is dearer at least where a sign is assumed; else inf
-    bound: float  # lower bound of the cost of all completions; where it exceeds the limit, that is all that counts
+    decided: Integers  # (S,) +1 or -1 if the other sign is excluded, else 0
+    signs: Integers  # (S,) decided and assumed signs
+    gain: Array  # (S,) least extra cost of the other sign of an assumed one; else inf
+    bound: float  # lower bound of the cost of all completions; if above the limit, the other fields are unused
     excluded: Array  # (k,) lower bounds of the cost with one of the excluded signs
 
     @property
@@ -53,7 +53,7 @@ class Consequences:
 
 
 def consequences(problem: Problem, decided: Integers, limit: float) -> Consequences:
-    """All that follows from decided signs (S,), 0 where undecided, for assignments that cost up to a limit."""
+    """Consequences of decided signs (S,), 0 if undecided, for assignments with a cost up to a limit."""
     excluded = []
     while True:
         found = _once(problem, decided, limit)
@@ -98,7 +98,7 @@ class _Rows:
         self.add(np.empty(0, dtype=np.int64), problem.normal_equations.known)
 
     def add(self, segments: Integers, signs: Integers) -> None:
-        """More segments, with signs (S,) of all."""
+        """Adds segments, with signs (S,) of all."""
         normal_equations = self._normal_equations
         self._hessian = self._hessian + normal_equations.hessian_of(segments)
         self._gradient = self._gradient + signs[segments] @ normal_equations.gradient[segments]
@@ -109,7 +109,7 @@ class _Rows:
 
     @property
     def least(self) -> float:
-        """Lower bound of what they cost."""
+        """Lower bound of their cost."""
         return self._energy - float(self._white @ self._white) - self._problem.slack
 
     def predict(self, segments: Integers) -> tuple[Array, Array]:
@@ -120,22 +120,22 @@ class _Rows:
 
 @dataclass(frozen=True)
 class Proof:
-    """What is proven about all assignments."""
+    """Proven bounds of all assignments."""
 
-    branches: tuple[Assignment, ...]  # those that are not excluded, cheapest first
-    decided: Mask  # (branches, S) segments whose sign is the same in all that a branch stands for
-    alternatives: Array  # (branches,) lower bounds of what a branch stands for but the branch itself
+    branches: tuple[Assignment, ...]  # assignments that are not excluded, cheapest first
+    decided: Mask  # (branches, S) segments whose sign is the same in the whole branch
+    alternatives: Array  # (branches,) lower bounds of the branch without its best assignment
     limit: float  # lower bound of the cost of all other assignments
-    log_missed: float  # log of the sum of exp(-b / 2) over these, b their bounds
+    log_missed: float  # log of the sum of exp(-b / 2) over all other assignments, b their bounds
 
     @property
     def lower_bound(self) -> float:
-        """Of the cost of every assignment."""
+        """Lower bound of the cost of every assignment."""
         return min([self.limit, *(branch.lower_bound for branch in self.branches)])
 
     @property
     def runner_up(self) -> float:
-        """Lower bound of the cost of every assignment but the signs of the cheapest branch."""
+        """Lower bound of the cost of every assignment except the signs of the cheapest branch."""
         bounds = [branch.lower_bound for branch in self.branches[1:]]
         return min([self.limit, float(self.alternatives[0]), *bounds])
 
@@ -143,22 +143,22 @@ class Proof:
 @dataclass(frozen=True)
 class _Node:
     bound: float  # lower bound of the cost of all its completions
-    decided: Integers  # (S,) +1, -1, or 0 where undecided
-    gradient: Array  # (r,) of the segments known beforehand and those that the joints' lists decide
-    theta: Array  # (P,) where settling starts
+    decided: Integers  # (S,) +1, -1, or 0 if undecided
+    gradient: Array  # (r,) of the known segments and those that the joints' lists decide
+    theta: Array  # (P,) first parameters of the alternation
 
 
 @dataclass(frozen=True)
 class _Leaf:
-    branch: Assignment  # the settled assignment; its lower bound is that of its signs alone
-    bound: float  # lower bound of the cost of all completions that are neither excluded nor children's
-    alternatives: float  # the same of those completions but the branch itself
+    branch: Assignment  # the local optimum; its lower bound is for its signs only
+    bound: float  # lower bound of the cost of all completions that are neither excluded nor in children
+    alternatives: float  # the same without the branch itself
     decided: Mask  # (S,) segments whose sign is the same in all of them
-    children: list[_Node]  # nodes that split off
+    children: list[_Node]  # split-off nodes
     excluded: Array  # (k,) lower bounds of the completions that were cut off
 
     def with_what_was_cut(self, bound: float, children: list[_Node], excluded: list[Array]) -> _Leaf:
-        """The same within a node with this bound, and with what was cut off before."""
+        """The same within a node of this bound, and with earlier cuts."""
         return replace(
             self,
             bound=max(self.bound, bound),
@@ -169,12 +169,12 @@ class _Leaf:
 
 
 def prove(problem: Problem, combinations: Combinations, limit: float, theta: Array) -> Proof:
-    """What is proven when all assignments but the combinations given cost more than `limit`.
+    """Proof if all assignments except the given combinations cost more than `limit`.
 
-    Undecided segments of a combination are settled together with the parameters, from theta (P,). Where `flips` prove
-    that none of them can be turned for the better, the combination is a branch. Otherwise those that cannot be turned
-    below the limit are decided, and where that does not help, so is the one that weighs most, with its other sign as a
-    node of its own. When the budget ends early, the nodes that are still open lower the limit.
+    Undecided segments of a combination and parameters are alternated from theta (P,). If `flips` prove that no flip
+    lowers the cost, the combination is a branch. Otherwise segments that cannot flip below the limit are decided. If
+    that does not help, the most influential segment is decided too, and its other sign becomes a new node. Nodes that
+    are open when the budget ends lower the limit.
     """
     patterns, log_missed = combinations.patterns, combinations.log_missed
     open_nodes = [
@@ -198,7 +198,7 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
             try:
                 leaf = _grow(problem, node, further, limit)
             except OutOfTimeError:
-                open_nodes.append(node)  # it stays open, as the others do
+                open_nodes.append(node)  # it stays open, like the others
                 break
             open_nodes = [*_raised(problem, open_nodes, node, leaf, weak), *leaf.children]
             if leaf.bound <= limit:
@@ -220,9 +220,9 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
 
 
 def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, weak: Integers) -> list[_Node]:
-    """Other nodes with the bounds that the leaf of a node proves for them; nothing where the weak segments are many.
+    """Other nodes with the bounds that a node's leaf proves for them; unchanged with many weak segments.
 
-    Weak segments are those that the joints' lists do not decide: any of them may differ between two nodes.
+    Weak segments are those that the joints' lists do not decide; any of them may differ between two nodes.
     """
     if not others or len(weak) > problem.tuning.charged_flips:
         return others
@@ -232,7 +232,7 @@ def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, wea
 
 
 def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) -> _Leaf:
-    """A node until nothing in it can be turned for the better; OutOfTimeError where the budget has ended before."""
+    """Processes a node until no flip lowers its cost; raises OutOfTimeError at the end of the budget."""
     branch = problem.complete(further.signs, node.theta)
     bound = branch.lower_bound + problem.flips(branch, further.free).best[0]
     if bound > limit:
@@ -264,14 +264,13 @@ def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) ->
         further = consequences(problem, decided, limit)
         excluded.append(further.excluded)
         if further.bound > limit:
-            left = _Leaf(branch, further.bound, further.bound, further.decided != 0, [], np.empty(0))
-            return left.with_what_was_cut(node.bound, children, excluded)
+            leaf = _Leaf(branch, further.bound, further.bound, further.decided != 0, [], np.empty(0))
+            return leaf.with_what_was_cut(node.bound, children, excluded)
         if np.any(further.signs * branch.signs < 0):
             branch = problem.price(problem.settle(further.signs, branch.theta).signs)
 
 
 def _closed(branch: Assignment, flips: Flips, further: Consequences, limit: float) -> _Leaf:
-    """The leaf where none of the free segments can be turned for the better."""
     least = branch.lower_bound + flips.best[0]
     alternatives = min(branch.lower_bound + flips.any, least + float(further.gain.min(initial=np.inf)))
     flipped = least + further.gain
@@ -281,9 +280,9 @@ def _closed(branch: Assignment, flips: Flips, further: Consequences, limit: floa
 
 
 def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float) -> Mask:
-    """(S,) the segments of a proof's branch that are decided or cannot be turned below the limit.
+    """(S,) segments of a proof's branch that are decided or cannot flip below the limit.
 
-    Each that is settled leaves fewer to interfere with; where that gets no further, the strongest is turned on trial.
+    Each persistent segment leaves fewer to interact with. When that stops, the strongest one is flipped on trial.
     """
     certain: Mask = decided.copy()
     tried = certain.copy()
@@ -299,10 +298,10 @@ def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float
             return certain
         k = hopeful[np.argmax(problem.normal_equations.energy[hopeful])]
         tried[k] = True
-        certain[k] = _turned(problem, branch, np.where(certain, branch.signs, 0), int(k)) > limit
+        certain[k] = _flipped(problem, branch, np.where(certain, branch.signs, 0), int(k)) > limit
 
 
-def _turned(problem: Problem, branch: Assignment, decided: Integers, k: int) -> float:
+def _flipped(problem: Problem, branch: Assignment, decided: Integers, k: int) -> float:
     decided[k] = -branch.signs[k]
     flipped = problem.settle(decided, branch.theta)
     return flipped.lower_bound + problem.flips(flipped, np.flatnonzero(decided == 0)).best[0]
