@@ -1,1 +1,1 @@
-"""The posterior: what the data and a stated prior say about parameters, noise and signs together."""
+"""The posterior of parameters, noise and signs, given data and prior."""

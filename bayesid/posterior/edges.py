@@ -1,4 +1,4 @@
-"""Edges that hold draws back: windows of the prior, and constraints that are stated."""
+"""Draws at edges: active windows of the prior, and active constraints."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from bayesid.posterior.tuning import TUNING
 
 
 def active_bounds(prior: TruncatedGaussian, theta: Array) -> tuple[tuple[str, float], ...]:
-    """Windows that hold draws (..., P) back: their names, and the share of draws in the last tenth.
+    """Active windows: their names, and the share of draws (..., P) in the last tenth.
 
-    Where constraints are stated, which may end before a window does, draws have to be at its edge as well.
+    With stated constraints, draws must be at the window's edge too, as a constraint may end before it.
     """
     active_bounds = []
     for window in prior.windows:
@@ -26,9 +26,9 @@ def active_bounds(prior: TruncatedGaussian, theta: Array) -> tuple[tuple[str, fl
 
 
 def at_edges(stated: Constraints | None, theta: Array) -> dict[str, float]:
-    """Label of each constraint to the share of draws (N, P) at its edge: a tenth of its slack's sd from it, or less.
+    """Label of each constraint to the share of draws (N, P) at its edge, within a tenth of its slack's sd.
 
-    Of a constraint of several half spaces or matrices, at any of theirs.
+    For a constraint of several half spaces or matrices, at any of their edges.
     """
     if stated is None:
         return {}
@@ -40,6 +40,6 @@ def at_edges(stated: Constraints | None, theta: Array) -> dict[str, float]:
 
 
 def _share_at_edge(slack: Array) -> float:
-    """Share of N draws that are at any of some edges, from which they have slack (m, N)."""
+    """Share of N draws at any of some edges, with slack (m, N)."""
     sd = np.maximum(slack.std(axis=1, keepdims=True), TINY)
     return float(np.mean(np.any(slack < TUNING.at_edge * sd, axis=0)))

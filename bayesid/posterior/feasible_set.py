@@ -1,22 +1,21 @@
-"""Where the parameters may lie: a convex region, its centre, and draws along a line through it.
+"""The feasible set: a convex region, its centre, and draws along a line through it.
 
-The region is an intersection of half spaces, rows theta + offset >= 0, and of positive definite 4 x 4 matrices that are
-affine in theta (the pseudo-inertias). Equalities leave a plane, theta = origin + N y (`bayesid.effects.plane`), whose
-y are moved. Everything is vectorised over W walkers, the last axis of every array.
+The region is an intersection of half spaces, rows theta + offset >= 0, and of positive definite 4 x 4 matrices affine
+in theta (the pseudo-inertias). Equalities confine theta to a plane, theta = origin + N y (`bayesid.effects.plane`), and
+y moves. All functions are vectorised over W walkers, the last axis of every array.
 
-The best parameters sit on the region's edge, where nothing can be read off. The minimum of the same quadratic function
-with a logarithmic barrier,
+The best parameters are on the region's edge, where the Hessian says little about the posterior. The minimum of the same
+quadratic function with a logarithmic barrier,
 
     phi(theta) = theta' A theta / 2 - b' theta - sum log slack - sum log det P,
 
-lies about as deep inside as the posterior does, and the inverse of phi's Hessian there is near the posterior's
-covariance: one unit of the barrier is what a wall costs a density that may not cross it. phi is self-concordant, so
-Newton's method with a line search finds its minimum from any inner point (Boyd and Vandenberghe 2004, 9.6).
+lies about as deep inside as the posterior, and the inverse Hessian of phi there is near the posterior's covariance. phi
+is self-concordant, so Newton's method with a line search finds its minimum from any inner point (Boyd and Vandenberghe
+2004, 9.6).
 
-A line through a convex region meets it in an interval. So a Gaussian along the line is drawn *exactly* inside it
-without the interval's ends: draw on a bracket that covers the interval; a draw outside of the region moves the
-bracket's end to itself, for nothing beyond it lies inside; repeat. That needs a 4 x 4 elimination a try, where the ends
-would need generalised eigenvalues.
+A line meets a convex region in an interval. A Gaussian along the line is drawn *exactly* inside it without computing
+the interval's ends: draw on a bracket that covers the interval; if the draw is outside of the region, it becomes the
+bracket's new end; repeat. Each try needs a 4 x 4 elimination, where the ends would need generalised eigenvalues.
 """
 
 from __future__ import annotations
@@ -37,26 +36,26 @@ from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.signs.search.bounds import cholesky
 
 _TRIANGLE = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (3, 1), (2, 2), (3, 2), (3, 3))
-"""Order in which the entries of a symmetric matrix are kept: column after column of the lower triangle."""
+"""Order of a symmetric matrix's stored entries: columns of the lower triangle."""
 _DIAGONAL = np.array([0, 4, 7, 9])
-"""Places of the diagonal's entries in that order."""
+"""Indices of the diagonal entries in that order."""
 _BASIS = np.array([PSEUDO_INERTIA_BASIS[:, i, j] for i, j in _TRIANGLE])
-"""(10, 10) change of a pseudo-inertia's entries, in that order, with each of a body's parameters."""
+"""(10, 10) derivatives of a pseudo-inertia's entries, in that order, by a body's parameters."""
 
 
 @dataclass(frozen=True)
 class FeasibleSet:
     """A convex region of P parameters."""
 
-    rows: Array  #: (m, P) of the half spaces, the diagonals of the matrices among them
+    rows: Array  #: (m, P) of the half spaces, including the diagonals of the matrices
     offset: Array  #: (m,) rows theta + offset >= 0
     entries: Array  #: (10, b, P) the lower triangles of b matrices, by column
-    constant: Array  #: (10, b) their part that does not depend on theta
-    within: Plane | None = None  #: where theta lies; None for all of space
+    constant: Array  #: (10, b) their constant part
+    within: Plane | None = None  #: plane of theta; None for the whole space
 
     @classmethod
     def of(cls, cone: Cone, rows: Array | None = None, offset: Array | None = None) -> FeasibleSet:
-        """The cone, with what is stated, cut by further half spaces rows (m, P) theta + offset (m,) >= 0."""
+        """The cone with stated constraints and further half spaces rows (m, P) theta + offset (m,) >= 0."""
         entries = np.zeros((10, len(cone.bodies), cone.size))
         for b, body in enumerate(cone.bodies):
             entries[:, b, body] = _BASIS
@@ -78,12 +77,12 @@ class FeasibleSet:
 
     @cached_property
     def plane(self) -> Plane:
-        """Where theta lies."""
+        """The plane of theta."""
         return Plane.whole(self.size) if self.within is None else self.within
 
     @cached_property
     def flat(self) -> FeasibleSet:
-        """The region of y (d,), all of whose space is left."""
+        """The region of y (d,), without equalities."""
         origin, basis = self.plane.origin, self.plane.basis
         return FeasibleSet(
             self.rows @ basis,
@@ -98,7 +97,7 @@ class FeasibleSet:
         return int(self.rows.shape[1])
 
     def relaxed(self, share: float, inner: Array) -> FeasibleSet:
-        """The wider region of all theta with (theta + share * inner) / (1 + share) in this one; inner (P,) is in it."""
+        """The wider region of theta with (theta + share * inner) / (1 + share) in this one; inner (P,) lies inside."""
         return replace(
             self,
             offset=self.offset + share * self.slack(inner[:, None])[:, 0],
@@ -106,7 +105,7 @@ class FeasibleSet:
         )
 
     def excess(self, theta: Array, inner: Array) -> Array:
-        """(W,) the share by which it must be relaxed to hold theta (P, W); negative inside, -1 at `inner` (P,)."""
+        """(W,) least share of `relaxed` that includes theta (P, W); negative inside, -1 at `inner` (P,)."""
         needed = -np.min(self.slack(theta) / self.slack(inner[:, None]), axis=0, initial=np.inf)
         if self.entries.shape[1] == 0:
             return needed
@@ -116,33 +115,33 @@ class FeasibleSet:
         return np.maximum(needed, -least.min(axis=1))
 
     def slack(self, theta: Array) -> Array:
-        """(m, W) rows theta + offset of theta (P, W)."""
+        """(m, W) slack rows theta + offset of theta (P, W)."""
         return self.rows @ theta + self.offset[:, None]
 
     def matrices(self, theta: Array) -> Array:
-        """(10, b, W) triangles of the matrices of theta (P, W)."""
+        """(10, b, W) triangles of the matrices at theta (P, W)."""
         return self.entries @ theta + self.constant[:, :, None]
 
     @cached_property
     def basis(self) -> Array:
-        """(b, P, 4, 4) change of the matrices with each parameter."""
+        """(b, P, 4, 4) derivative of the matrices by each parameter."""
         return self.full(np.moveaxis(self.entries, 2, 0)).swapaxes(0, 1)
 
     @staticmethod
     def full(triangles: Array) -> Array:
-        """(..., b, 4, 4) symmetric matrices of triangles (..., 10, b)."""
+        """(..., b, 4, 4) symmetric matrices from triangles (..., 10, b)."""
         matrices = np.empty((*triangles.shape[:-2], triangles.shape[-1], 4, 4))
         for k, (i, j) in enumerate(_TRIANGLE):
             matrices[..., i, j] = matrices[..., j, i] = triangles[..., k, :]
         return matrices
 
     def _white(self, theta: Array) -> Array:
-        """(b, 4, 4) inverse Cholesky factors of the matrices of theta (P,), which lies inside."""
+        """(b, 4, 4) inverse Cholesky factors of the matrices at theta (P,) inside."""
         return np.linalg.inv(np.linalg.cholesky(self.full(self.matrices(theta[:, None])[..., 0])))
 
     @cached_property
     def blocks(self) -> Integers:
-        """(P,) the matrix in which each parameter shows; one more label for those that show in none."""
+        """(P,) index of the matrix with each parameter; a further label for parameters in none."""
         shows = np.any(self.entries != 0.0, axis=0)
         if not len(shows):
             return np.zeros(self.size, dtype=np.int64)
@@ -150,7 +149,7 @@ class FeasibleSet:
 
     @property
     def nonnegative(self) -> Mask:
-        """(P,) whether a parameter cannot be negative by itself."""
+        """(P,) whether a parameter alone is bounded below by zero."""
         alone = (np.count_nonzero(self.rows, axis=1) == 1) & (self.rows.max(axis=1, initial=0.0) > 0.0)
         bounded: Mask = self.rows[alone & (self.offset == 0.0)].any(axis=0)
         return bounded
@@ -171,12 +170,12 @@ class FeasibleSet:
         return -float(np.log(self.slack(theta[:, None])).sum() + logs.sum())
 
     def barrier_derivatives(self, theta: Array) -> tuple[Array, Array]:
-        """Gradient (P,) and Hessian (P, P) of the barrier at theta (P,), which lies inside."""
+        """Gradient (P,) and Hessian (P, P) of the barrier at theta (P,) inside."""
         scaled, root = self.rows / self.slack(theta[:, None]), self._white(theta)
         white = root[:, None] @ self.basis @ root.swapaxes(1, 2)[:, None]  # (b, P, 4, 4), symmetric
         slope = -scaled.sum(axis=0) - np.einsum("bpii->p", white)
         flat = white.swapaxes(0, 1).reshape(len(theta), -1)
-        return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares: positive semidefinite however rounding goes
+        return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares stay positive semidefinite under rounding
 
 
 def _triangles(matrices: Array) -> Array:
@@ -186,7 +185,7 @@ def _triangles(matrices: Array) -> Array:
 
 
 def _positive_definite(triangles: Array) -> Mask:
-    """(W,) of lower triangles (10, b, W): pivots of L D L'. After one that is not positive, nothing else matters."""
+    """(W,) whether lower triangles (10, b, W) are positive definite, by the pivots of L D L'."""
     a = triangles[1:4]
     factor = a / triangles[0]
     second = triangles[4:7] - factor * a[0]
@@ -201,22 +200,19 @@ def _positive_definite(triangles: Array) -> Mask:
     return positive
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The centre
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Centre:
     """The minimum of phi."""
 
     theta: Array  #: (P,) strictly inside the region
-    covariance: Array  #: (d, d) inverse of phi's Hessian there, of the region's y
+    covariance: Array  #: (d, d) inverse of phi's Hessian there, for the region's y
 
 
 def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start: Array) -> Centre:
     """Minimum of phi for A (P, P), positive definite, and b (P,), from a start (P,) strictly inside.
 
     Raises:
-        LinAlgError: the Hessian is singular but for rounding.
+        LinAlgError: the Hessian is numerically singular.
     """
     plane, region = region.plane, region.flat
     linear = (linear - precision @ plane.origin) @ plane.basis
@@ -226,7 +222,7 @@ def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start:
         return float(0.5 * theta @ precision @ theta - linear @ theta + region.barrier(theta))
 
     theta, value = start, phi(start)
-    for _ in range(300):  # Newton's method needs some tens
+    for _ in range(300):  # Newton's method needs a few dozen
         slope, curvature = region.barrier_derivatives(theta)
         gradient = precision @ theta - linear + slope
         step = -_inverse(precision + curvature) @ gradient
@@ -244,12 +240,12 @@ def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start:
 
 
 def factor(matrix: Array) -> Array:
-    """(P, P) lower triangular L with L L' = matrix but for rounding.
+    """(P, P) lower triangular L with L L' = matrix, up to rounding.
 
     The matrix is positive definite, in mixed units: its rows may differ by many orders of magnitude.
 
     Raises:
-        LinAlgError: it is singular by more than rounding.
+        LinAlgError: the matrix is numerically singular.
     """
     scale = np.sqrt(np.diag(matrix))
     lower: Array = scale[:, None] * cholesky(matrix / np.outer(scale, scale), most=1e-9)
@@ -261,9 +257,6 @@ def _inverse(matrix: Array) -> Array:
     return 0.5 * (inverse + inverse.T)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Lines
-# ---------------------------------------------------------------------------------------------------------------
 def draw_on_line(
     slack: Array,
     matrices: Array,
@@ -284,9 +277,9 @@ def draw_on_line(
         slope: (W,) of the log density at t = 0.
         curvature: (W,) positive.
         random: the random state.
-        idle: share of the walkers that may stay (t = 0): the last, whose brackets are longest beside what lies inside.
-            Whether a try lies inside depends on the line, not on where on it a walker stands; so those that stay leave
-            the distribution of all as it is.
+        idle: share of the walkers that may stay (t = 0): the last ones, with the longest brackets relative to the
+            interval. Success of a try depends on the line, not on the walker's position on it, so the distribution of
+            all walkers does not change.
     """
     bodies = np.flatnonzero(matrix.any(axis=0))
     current, change = matrices if len(bodies) == matrices.shape[1] else matrices[:, bodies], matrix[:, bodies, None]
@@ -294,7 +287,7 @@ def draw_on_line(
     step, log_share = brackets.draw(random)
     if not len(bodies):
         return step
-    walkers, t = np.arange(len(slope)), step  # those that have not moved yet, and what they try
+    walkers, t = np.arange(len(slope)), step  # walkers that have not moved yet, and their tries
     with np.errstate(all="ignore"):  # as in `contains`
         for _ in range(TUNING.most_tries):
             (outside,) = np.nonzero(~_positive_definite(current + t * change))
@@ -309,7 +302,7 @@ def draw_on_line(
 
 
 def _bracket(slack: Array, row: Array) -> tuple[Array, Array]:
-    """(W,) ends of the interval in which all half spaces are kept."""
+    """(W,) ends of the interval on which all half spaces hold."""
     down, up = row < 0.0, row > 0.0
     high = np.min(slack[down] / -row[down, None], axis=0, initial=np.inf)
     low = -np.min(slack[up] / row[up, None], axis=0, initial=np.inf)
@@ -320,12 +313,12 @@ def _bracket(slack: Array, row: Array) -> tuple[Array, Array]:
 class Brackets:
     """Intervals of W lines, t = 0 in each, and a normal distribution on each.
 
-    Where t = 0 would lie in its right half, the line is turned round: no share of the left half is rounded to one, so
-    that draws are exact however far in a tail.
+    Lines are reversed so that t = 0 is in the left half of the normal, where its cumulative probability keeps full
+    precision; draws are exact in far tails too.
     """
 
-    #: (7, W) ends of the interval of the line turned, the logs of the standard normal's shares below them, the place of
-    #: t = 0 on that normal, the sd, and +1 or -1 where it is turned
+    #: (7, W) ends of the interval of the (reversed) line, logs of the normal's cumulative probability there, position
+    #: of t = 0 on that normal, the sd, and +1, or -1 if reversed
     values: Array
 
     @classmethod
@@ -338,20 +331,20 @@ class Brackets:
         return cls(np.array([first, last, log_ndtr(place + first / sd), log_ndtr(place + last / sd), place, sd, turn]))
 
     def draw(self, random: RandomState) -> tuple[Array, Array]:
-        """(W,) draws t by inversion, and the logs of the shares below them."""
+        """(W,) draws t by inversion, and the logs of the cumulative probability there."""
         first, last, log_first, log_last, place, sd, turn = self.values
         upper = 1.0 - random.random_sample(len(place))
         log_share = log_last + np.log1p(upper * np.expm1(log_first - log_last))
-        turned = np.minimum(np.maximum(sd * (ndtri_exp(log_share) - place), first), last)
-        return turn * turned, log_share
+        oriented = np.minimum(np.maximum(sd * (ndtri_exp(log_share) - place), first), last)
+        return turn * oriented, log_share
 
     def shortened(self, chosen: Integers, t: Array, log_share: Array) -> Brackets:
-        """Those of the chosen lines, cut off at t, beyond which nothing is to lie; log_share: below it."""
+        """Those of the chosen lines, with the end on the side of t moved to t; log_share is that of t."""
         values, log_share = self.values[:, chosen], log_share[chosen]
-        turned = t[chosen] * values[6]
-        before = turned < 0.0
+        oriented = t[chosen] * values[6]
+        before = oriented < 0.0
         after = ~before
         for end, beyond in enumerate((before, after)):
-            np.copyto(values[end], turned, where=beyond)
+            np.copyto(values[end], oriented, where=beyond)
             np.copyto(values[2 + end], log_share, where=beyond)
         return Brackets(values)

@@ -1,13 +1,12 @@
-"""The posterior of a log: modes, draws from each, their masses, and what they say about signs and assignments.
+"""The posterior of a log: modes, draws from each, their masses, and the probabilities of signs and assignments.
 
-Every unknown sign is summed out. So the mass of an assignment b of the search's list is what the draws say about it,
+Every unknown sign is summed out. So the mass of a listed assignment b is an average over the draws,
 :eq:`assignment-mass`::
 
     P(b | data) = E[prod_k P(s_k = b_k | theta, u)]    over the segments that the list decides one by one,
 
-the mass of its part of the cone included (Rao and Blackwell: no sign is ever drawn for it). What all of the list leave
-is the mass of assignments that the draws have come across elsewhere. Where modes do not mix, each is sampled by itself
-and weighed with its marginal likelihood.
+including the mass of its part of the cone (Rao-Blackwell: its signs need not be drawn). The remaining mass belongs to
+unlisted assignments. If modes do not mix, each is sampled separately and weighted by its marginal likelihood.
 
 Information of an earlier log counts as data: it is a factor beside prior and likelihood.
 """
@@ -42,30 +41,30 @@ from bayesid.signs.search.protocol import SearchResult
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws of parameters and noise scales, and what they say about the signs of S segments."""
+    """Draws of parameters and noise scales, and results for the signs of S segments."""
 
-    target: Target  #: what was sampled
-    blocks: SegmentBlocks  #: of the segments, by which models are compared
+    target: Target  #: the density that was sampled
+    blocks: SegmentBlocks  #: blocks of the segments, for comparing models
     noise: Noise  #: the reference noise: sizes, colour, effective samples; at least a thousandth of the efforts
     modes: tuple[SampledMode, ...]  #: heaviest first; their weights sum to 1
-    draws: Draws  #: of all modes together, each with its share; diagnostics are the worst of any mode
+    draws: Draws  #: of all modes together, in proportion to their weights; diagnostics are the worst of any mode
     plus: Array  #: (S,) P(sign = +) of each segment, averaged over the draws
-    branch_mass: Array  #: (B,) mass of each assignment that the search lists, in its order; empty without a list
-    elsewhere: float | None  #: mass of all other assignments, by the draws; None without a list
-    seconds: float  #: of wall time
-    sampling: Sampling  #: how it was sampled
-    chosen: int = 0  #: index of the mode whose mean the parameters are: the heaviest, unless another one is asked for
-    #: (D, E, W, P) by which what the model may lack moves the draws; None where it lacks nothing. It moves no sign of
-    #: this log and no estimate, but widens what is uncertain in them.
+    branch_mass: Array  #: (B,) mass of each listed assignment, in the search's order; empty without a list
+    elsewhere: float | None  #: mass of all other assignments; None without a list
+    seconds: float  #: wall-clock time
+    sampling: Sampling  #: options of the sampling
+    chosen: int = 0  #: index of the mode whose mean gives the parameters; by default the heaviest
+    #: (D, E, W, P) shifts of the draws by effects that the model may lack; None without any. They change no sign and no
+    #: estimate of this log, only the uncertainty
     shift: Array | None = None
-    #: share of a joint's squared effort, of the worst one, to which the draws give signs that the search has excluded;
-    #: None where it has excluded none
+    #: share of a joint's squared effort, of the worst one, with signs that the draws prefer and the search has
+    #: excluded; None if it has excluded none
     posterior_conflict: float | None = None
-    #: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts; None where all gains are
-    #: exact. The draws are moved by them too.
+    #: (D, E, W, n) logarithms of each draw's gains, relative to those of the efforts; None if all gains are exact. The
+    #: draws are scaled by them too
     log_gain: Array | None = None
-    #: (r, r) covariance by which the likelihood was widened for what the model may lack, where draws were made anew
-    #: inside what is stated, not moved; None otherwise
+    #: (r, r) covariance of the model error that widened the likelihood, if draws were made again inside the stated
+    #: constraints; None otherwise
     model_error_covariance: Array | None = None
 
     def __repr__(self) -> str:
@@ -85,12 +84,12 @@ class Posterior:
 
     @cached_property
     def normal_equations(self) -> NormalEquations:
-        """Of the segments, not scaled."""
+        """Normal equations of the segments, not scaled."""
         return self.blocks.of_segments
 
     @property
     def uncertain(self) -> Draws:
-        """The draws, moved by what the model may lack."""
+        """The draws with shifts by model error."""
         if self.shift is None:
             return self.draws
         theta = self.draws.theta + self.shift
@@ -98,7 +97,7 @@ class Posterior:
 
     @property
     def timed_out(self) -> bool:
-        """Whether the time limit on the clock ended the sampling of a mode before it converged."""
+        """Whether the wall-clock limit ended the sampling of a mode before it converged."""
         return any(sampled.draws.timed_out for sampled in self.modes)
 
     @property
@@ -108,46 +107,46 @@ class Posterior:
 
     @property
     def active_bounds(self) -> tuple[tuple[str, float], ...]:
-        """Windows of the prior that hold the draws back: their names, and the share of draws in the last tenth."""
+        """Active windows of the prior: their names, and the share of draws in the last tenth."""
         return active_bounds(self.target.prior, self.draws.theta)
 
     @cached_property
     def at_edges(self) -> dict[str, float]:
-        """Label of each constraint that is stated, to the share of draws at its edge."""
+        """Label of each stated constraint to the share of draws at its edge."""
         return at_edges(self.target.prior.stated, self.spread(TUNING.kept_draws)[0])
 
     @property
     def active_constraints(self) -> dict[str, float]:
-        """Those that hold the draws back, and so decide where data do not: their labels, and the share at the edge."""
+        """Constraints that the draws press against: their labels, and the share at the edge."""
         return {label: share for label, share in self.at_edges.items() if share > TUNING.presses}
 
     @property
     def max_rhat(self) -> float:
-        """The worst R-hat between ensembles of any coefficient, noise scale or log density."""
+        """Worst R-hat between ensembles of the coefficients, noise scales and log density."""
         return max(sampled.draws.diagnostics.max_rhat for sampled in self.modes)
 
     @property
     def min_ess(self) -> float:
-        """The worst effective sample size, bulk or tail, of any of them."""
+        """Worst effective sample size, bulk or tail, of these."""
         return min(sampled.draws.diagnostics.min_ess for sampled in self.modes)
 
     @property
     def theta(self) -> Array:
-        """(P,) mean of the parameters in the chosen mode: feasible, for the region is convex.
+        """(P,) mean of the parameters in the chosen mode; it is feasible, as the region is convex.
 
-        A mean over several modes would lie between them, where the posterior has next to no mass.
+        A mean over several modes would lie between them, in a region of negligible mass.
         """
         mean: Array = self.modes[self.chosen].draws.theta.mean(axis=(0, 1, 2))
-        return self.target.prior.region.plane.nearest(mean)  # exactly
+        return self.target.prior.region.plane.nearest(mean)  # removes rounding
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients about those of theta, with all modes and what the model may lack."""
+        """(r, r) covariance of the coefficients about those of theta, over all modes, with model error."""
         return self._about_theta(self.uncertain.beta)
 
     @property
     def covariance_of_log(self) -> Array:
-        """(r, r) the same without what the model may lack: that is no less in the next log."""
+        """(r, r) the same without model error, which does not average out over logs."""
         return self._about_theta(self.draws.beta)
 
     def _about_theta(self, beta: Array) -> Array:
@@ -158,29 +157,29 @@ class Posterior:
             off = every.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
             covariance = covariance + np.outer(off, off)
         plane = self.target.prior.region.plane.seen_by(self.target.likelihood.projection)
-        onto = plane.basis @ plane.basis.T  # what an equality fixes has no rounding
+        onto = plane.basis @ plane.basis.T  # removes rounding of fixed combinations
         return covariance if plane.is_whole else onto @ covariance @ onto
 
     @cached_property
     def parameter_sd(self) -> Array:
-        """(P,) standard deviations of the parameters about theta, with all modes and what the model may lack."""
+        """(P,) standard deviations of the parameters about theta, over all modes, with model error."""
         return np.sqrt(np.mean((self.uncertain.theta - self.theta) ** 2, axis=(0, 1, 2)))
 
     @property
     def parameter_covariance(self) -> Array:
-        """(P, P) second moments of the parameters about theta, the same."""
+        """(P, P) second moments of the parameters about theta, over all modes, with model error."""
         about = self.uncertain.theta.reshape(-1, len(self.theta)) - self.theta
         return about.T @ about / len(about)
 
     @property
     def mode_of_draws(self) -> Integers:
-        """(D, E, W) index of the mode that each draw is from."""
+        """(D, E, W) index of each draw's mode."""
         return mode_of_draws(self.modes)
 
     def turned_joints(self, mode: int, signs: Integers | None = None) -> tuple[int, ...]:
-        """Joints, from 1, of whose unknown |effort| more than half has another sign in a mode than in `signs` (S,).
+        """Joints, from 1, with more than half of their unsigned energy flipped between a mode and `signs` (S,).
 
-        Those are of the heaviest mode by default.
+        By default `signs` are those of the heaviest mode.
         """
         than = self._signs(0) if signs is None else signs
         likelihood, energy = self.target.likelihood, self.normal_equations.energy
@@ -196,10 +195,10 @@ class Posterior:
 
     @cached_property
     def decided_by_data(self) -> Mask:
-        """(P,) whether the data, not the prior, decide a parameter: nine tenths of its precision are theirs.
+        """(P,) whether the data, not the prior, decide a parameter: they give 90 % of its precision.
 
-        Judged from the normal distribution without the cone (:eq:`posterior-precision`), for the cone alone decides
-        nothing that was measured. Information of an earlier log counts as data.
+        The normal distribution without the cone is used (:eq:`posterior-precision`), as the cone is not measured.
+        Information of an earlier log counts as data.
         """
         variance = self._without_cone(np.eye(len(self.theta)))
         if self.shift is not None and self.model_error_covariance is None:
@@ -208,7 +207,7 @@ class Posterior:
         return decided
 
     def _without_cone(self, rows: Array) -> Array:
-        """(K,) variances of combinations (K, P) of the parameters without the cone, relative to the prior's."""
+        """(K,) variances of combinations (K, P) of the parameters without the cone, over the prior's."""
         log_scale, sd = self.draws.log_scale.mean(axis=(0, 1, 2)), self.target.prior.sd
         precision, _ = self.target.quadratic(self.theta, log_scale, self.model_error_covariance)
         inverse, scaled = np.linalg.inv(precision * np.outer(sd, sd)), rows * sd
@@ -216,9 +215,9 @@ class Posterior:
         return variance
 
     def decided_by_constraints(self, rows: Array) -> Mask:
-        """(K,) whether what is stated, and not the data, decides combinations (K, P) of the parameters.
+        """(K,) whether stated constraints, and not the data, decide combinations (K, P) of the parameters.
 
-        As data do, it leaves a tenth of the prior's variance at most, and half of what prior and data leave.
+        They leave at most a tenth of the prior's variance, and half of that given prior and data.
         """
         stated, prior = self.target.prior.stated, self.target.prior
         if stated is None:
@@ -234,8 +233,8 @@ class Posterior:
     def interval(self, mass: float) -> tuple[Array, Array]:
         """(r,) ends of each coefficient's central interval of this posterior mass.
 
-        Of a coefficient that cannot be negative it is the shortest one instead, and begins at zero wherever that takes
-        hardly more: of a friction that is not there, equal tails would leave out zero, its true value.
+        A nonnegative coefficient gets the shortest interval, from zero if that is hardly longer. Equal tails would
+        exclude the true value zero of an absent friction.
         """
         beta = self.uncertain.beta
         beta = np.sort(beta.reshape(-1, beta.shape[-1]), axis=0)
@@ -257,30 +256,29 @@ class Posterior:
 
     @property
     def single_nonnegative(self) -> Mask:
-        """(P,) whether a parameter cannot be negative and is a coefficient by itself."""
+        """(P,) whether a parameter is nonnegative and a coefficient by itself."""
         projection = self.target.likelihood.projection
         which: Mask = np.any(projection[self._nonnegative] != 0.0, axis=0) & (np.count_nonzero(projection, axis=0) == 1)
         return which
 
     def gains_of(self, places: Integers) -> Array | None:
-        """(K, n) logarithms of the gains of draws at (K,) places in a list of all; None where all are exact."""
+        """(K, n) logarithms of the gains of the draws with indices (K,); None if all gains are exact."""
         return None if self.log_gain is None else self.log_gain.reshape(-1, self.log_gain.shape[-1])[places]
 
     def spread(self, count: int = TUNING.few_draws) -> tuple[Array, Array]:
-        """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
+        """(K, P) parameters and (K, n) log noise scales of at most `count` evenly spread draws."""
         return self.target.split(self.draws.spread(count))
 
 
 def widened(posterior: Posterior, information: Array, model_error_covariance: Array) -> Posterior:
-    """The posterior with what the model may lack, in each mode (:eq:`nuisance-draws`).
+    """The posterior with model error added in each mode (:eq:`nuisance-draws`).
 
-    What moves least squares by e moves a posterior with a prior and a cone by Cov(theta, beta) H e. A draw so moved
-    need not be feasible: what the model lacks is no rigid body, and where it presses the posterior into a corner of the
-    cone, draws that had to stay there would hide how far off it is. Only a coefficient that is one parameter which
-    cannot be negative is kept at zero: a mass that efforts show in sums alone must give way like all else of them.
+    An error e of least squares shifts a posterior with prior and cone by Cov(theta, beta) H e. A shifted draw need not
+    be feasible, as the model error is no rigid body; draws confined to a corner of the cone would hide its size. Only
+    nonnegative parameters that are coefficients by themselves are kept at zero or above.
     H is the information (r, r) of the coefficients; `model_error_covariance` is the covariance (r, r) of e.
 
-    What is stated holds for such draws as well: they are then drawn anew, inside it.
+    Stated constraints hold for these draws too; they are then drawn again inside.
     """
     if posterior.target.prior.unstated is not None:
         return _drawn_wider(posterior, posterior.target.prior.unstated, information, model_error_covariance)
@@ -289,8 +287,8 @@ def widened(posterior: Posterior, information: Array, model_error_covariance: Ar
     shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
     rng = np.random.default_rng(posterior.sampling.seed)
     for k in np.unique(of_mode).tolist():
-        here, own = of_mode == k, posterior.modes[k].draws
-        theta, beta = (values.reshape(-1, values.shape[-1]) for values in (own.theta, own.beta))
+        here, of_k = of_mode == k, posterior.modes[k].draws
+        theta, beta = (values.reshape(-1, values.shape[-1]) for values in (of_k.theta, of_k.beta))
         across = (theta - theta.mean(axis=0)).T @ (beta - beta.mean(axis=0)) / max(len(beta) - 1, 1)
         moves = across @ directions
         moved = draws.theta[here] + rng.standard_normal((int(here.sum()), moves.shape[1])) @ moves.T
@@ -302,10 +300,10 @@ def widened(posterior: Posterior, information: Array, model_error_covariance: Ar
 def _drawn_wider(
     posterior: Posterior, unstated: FeasibleSet, information: Array, model_error_covariance: Array
 ) -> Posterior:
-    """The posterior with draws that what the model may lack widens, inside what is stated.
+    """The posterior widened by model error, with new draws inside the stated constraints.
 
-    Without what is stated draws would be moved as in `widened`: with the mean and covariance of those in the cone, and
-    the moves' covariance besides. Of the normal distribution with these, hit-and-run draws inside what is stated.
+    A normal distribution is fitted to the draws in the cone, with the covariance of the shifts added as in `widened`.
+    Hit-and-run draws from it inside the stated constraints.
     """
     target, of_mode, every = posterior.target, posterior.mode_of_draws, posterior.draws.theta
     prior, directions, single = (
@@ -316,9 +314,9 @@ def _drawn_wider(
     shift, random = np.zeros_like(every), RandomState([posterior.sampling.seed, 2])
     kept = replace(Cone.free(every.shape[-1]), nonnegative=np.flatnonzero(single), stated=prior.stated)
     for k in np.unique(of_mode).tolist():
-        here, own = of_mode == k, posterior.modes[k].draws
-        start = own.theta[-1].reshape(-1, every.shape[-1])
-        normal = Normal(*target.quadratic(own.theta.mean(axis=(0, 1, 2)), own.log_scale.mean(axis=(0, 1, 2))))
+        here, draws = of_mode == k, posterior.modes[k].draws
+        start = draws.theta[-1].reshape(-1, every.shape[-1])
+        normal = Normal(*target.quadratic(draws.theta.mean(axis=(0, 1, 2)), draws.log_scale.mean(axis=(0, 1, 2))))
         theta = _drawn_inside(unstated, normal, start, prior.inside, random)
         beta = theta @ target.likelihood.projection.T
         moves = (theta - theta.mean(axis=0)).T @ (beta - beta.mean(axis=0)) / (len(beta) - 1) @ directions
@@ -330,7 +328,7 @@ def _drawn_wider(
 
 
 def _drawn_inside(region: FeasibleSet, normal: Normal, start: Array, inner: Array, random: RandomState) -> Array:
-    """(N, P) draws of a normal distribution inside a region, by walkers that start in it; `inner` (P,) is in it too."""
+    """(N, P) draws of a normal distribution inside a region, from walkers in it; `inner` (P,) lies inside."""
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
     lines, drawn = Conditional.of(region, centre.covariance), []
     theta = normal.move(region, start, lines, TUNING.wider_warm_up, random)
@@ -341,7 +339,7 @@ def _drawn_inside(region: FeasibleSet, normal: Normal, start: Array, inner: Arra
 
 
 def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:
-    """The posterior with the gains drawn from theirs, and each draw as it is with its gains (:eq:`gain-draws`)."""
+    """The posterior with drawn gains, and each draw scaled by its gains (:eq:`gain-draws`)."""
     theta, single = posterior.uncertain.theta, posterior.single_nonnegative
     rng = np.random.default_rng([posterior.sampling.seed, 1])
     log = gains.draw(int(np.prod(theta.shape[:-1])), rng)
@@ -354,7 +352,7 @@ def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:
 
 
 def _kept_inside(stated: Constraints, inside: Array, moved: Array) -> Array:
-    """(K, P) points that moved from ones inside: as far as what is stated lets them."""
+    """(K, P) shifted points, each moved back along its shift until the stated constraints hold."""
     share = np.ones(len(moved))
     for k, (start, end) in enumerate(zip(inside, moved, strict=True)):
         while share[k] and not stated.contains(start + share[k] * (end - start)):
@@ -363,7 +361,7 @@ def _kept_inside(stated: Constraints, inside: Array, moved: Array) -> Array:
 
 
 def _principal(information: Array, model_error_covariance: Array) -> Array:
-    """(r, k) H e for e one sd along each principal direction of a covariance, in units of what H leaves uncertain."""
+    """(r, k) H e for e one sd along each principal direction of a covariance, relative to the uncertainty of H."""
     values, vectors = np.linalg.eigh(information)
     root = vectors * np.sqrt(np.maximum(values, 0.0))  # H = root root'
     sizes, turn = np.linalg.eigh(root.T @ model_error_covariance @ root)
@@ -373,10 +371,10 @@ def _principal(information: Array, model_error_covariance: Array) -> Array:
 def infer(
     problem: PosteriorProblem, search: SearchResult, sampling: Sampling, progress: Progress = SILENT
 ) -> Posterior:
-    """Samples the posterior of a log; the budget is for all modes together.
+    """Samples the posterior of a log; all modes share the budget.
 
     Raises:
-        SolverError: a cone problem could not be solved, or the mass of one of several modes not be computed.
+        SolverError: a cone problem could not be solved, or the mass of a mode could not be computed.
     """
     began = time.perf_counter()
     problem = problem.with_least_noise()
@@ -406,7 +404,7 @@ def infer(
 
 
 def _excluded(plus: Array, normal_equations: NormalEquations, search: SearchResult) -> float | None:
-    """Share of the worst joint's energy that P(sign = +) (S,) gives to signs that the search has excluded."""
+    """Share of the worst joint's energy to which P(sign = +) (S,) gives signs that the search has excluded."""
     if search.persistent is None:
         return None
     counted = search.persistent & (normal_equations.known == 0)
@@ -419,9 +417,9 @@ def _excluded(plus: Array, normal_equations: NormalEquations, search: SearchResu
 
 
 def _branch_mass(target: Target, theta: Array, log_scale: Array, search: SearchResult) -> Array:
-    """(B,) mass of each assignment on the search's list, in the segments that it decides one by one.
+    """(B,) mass of each listed assignment, over the segments that it decides one by one.
 
-    Of segments at the ends of a log the search may decide some of which no sample counts here.
+    Segments without a used sample, at the ends of a log, are skipped.
     """
     if search.decided is None or not search.branches:
         return np.empty(0)

@@ -1,27 +1,30 @@
-"""The posterior as ArviZ takes it, groups of named arrays, and posterior.nc, the netCDF file that holds them.
+"""The posterior in ArviZ's format, groups of named arrays, and its netCDF file posterior.nc.
 
 Groups and their dimensions, every one with named coordinates:
 
 - posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m); the
   coordinate `mode` (chain, draw) counts from 1, the heaviest.
 - sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
-- log_likelihood (chain, draw, block): `effort`, see `bayesid.posterior.likelihood.pointwise`. Blocks
-  whose likelihood is the same in all draws, as of those without samples, are no observations (`az.loo` refuses them):
-  the attribute `left_out` counts them.
-- observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each block's joint, times,
-  samples and sign.
+- log_likelihood (chain, draw, block): `effort`, see `bayesid.posterior.likelihood.pointwise`. Blocks with the same
+  likelihood in all draws, such as those without samples, are left out (`az.loo` refuses them). The attribute `left_out`
+  counts them.
+- observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), with each block's joint, times,
+samples
+  and sign.
 - constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta; units and expressions
-  of coefficients, units of parameters (beside the draws, `az.summary` of ArviZ 1.x fails on them). Where an earlier log
-  is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
-  c) / 2 with c its `earlier_energy`.
-- nuisance (effect), where there is any: `scale`, the likely size of each effect that the model may lack, relative to
-  what is usual. They have no draws, but move those of `theta` and `beta`; `lp` and `effort` are theirs before.
+of
+  coefficients, units of parameters (`az.summary` of ArviZ 1.x fails if they are beside the draws). With an earlier log
+  also its `earlier_hessian` H and `earlier_gradient` g: `lp` includes -(beta' H beta - 2 g' beta + c) / 2 with c its
+  `earlier_energy`.
+- nuisance (effect), if any: `scale`, the likely over the usual size of each effect that the model may lack. They have
+no
+  draws. They shift those of `theta` and `beta`; `lp` and `effort` are those before the shift.
 
-A chain is an ensemble. An entry of `block` is a part of the moments' Hessian: one block, or all the weak blocks of a
-joint that share a part, whose likelihoods cannot be separated draw by draw.
+A chain is an ensemble. An entry of `block` is a part of the Hessian: one block, or all weak blocks of a joint that
+share a part, whose likelihoods cannot be separated for each draw.
 
-`az.ess` of these draws is what it should be (see `_walker_major`), but `az.rhat` compares early with late walkers
-instead of early with late sweeps: whether the run has converged is in the attributes.
+`az.ess` of these draws is right (see `_walker_major`), but `az.rhat` compares early with late walkers instead of early
+with late sweeps. Use the attributes for convergence.
 """
 
 from __future__ import annotations
@@ -48,9 +51,9 @@ from bayesid.posterior.tuning import TUNING
 from bayesid.regression.normal_equations import NormalEquations
 
 _LIBRARY = "bayesid"
-"""What the file names as the library that made its draws."""
+"""Name of the library that made the draws, in the file."""
 _DIMENSIONS = {"theta": "parameter", "noise": "joint", "log_gain": "joint", "beta": "coefficient"}
-"""The last dimension of each variable of draws, behind chain and draw."""
+"""Last dimension of each variable of draws, after chain and draw."""
 _REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
 _EFFORT = {"units": "N m"}
 _SAMPLED = ("chain", "draw")
@@ -62,34 +65,34 @@ _POINTWISE = (
 
 @dataclass(frozen=True)
 class Labels:
-    """What things are called, when samples were taken, and what has no draws."""
+    """Names, times, and effects without draws."""
 
     coefficients: BaseCoefficients  #: the r base coefficients; their names, units and expressions
     parameters: Sequence[Parameter]  #: (P,) with names and units
-    joints: Sequence[str]  #: (n,) one each, all different
-    time: Array  #: (N,) s, of the samples that blocks count
-    #: effects that were summed out, with their joints, and their likely sizes
+    joints: Sequence[str]  #: (n,) unique names
+    time: Array  #: (N,) s, of the samples that blocks refer to
+    #: marginalised effects, with their joints, and their likely sizes
     nuisance: Mapping[str, float] = field(default_factory=dict)
 
 
 class Moved(NamedTuple):
-    """What moves draws beyond the sampling."""
+    """Shifts of the draws after sampling."""
 
-    shift: Array  #: (D, E, W, P) of the parameters: by what the model may lack, and by gains that are unknowns
-    #: (D, E, W, n) logarithms of these gains, relative to those of the efforts; None where all are exact
+    shift: Array  #: (D, E, W, P) of the parameters, by model error and unknown gains
+    #: (D, E, W, n) logarithms of these gains, relative to those of the efforts; None if all are exact
     log_gain: Array | None = None
 
 
 @one_at_a_time
 def as_inference_data(kept: DataTree) -> Any:
-    """The groups as the installed ArviZ holds them: an `arviz.InferenceData`, from ArviZ 1.0 on the tree itself."""
-    with quiet(FutureWarning):  # ArviZ 0.x announces its next version on import
-        import arviz  # here, for it takes a second
+    """The groups in the installed ArviZ's type: an `arviz.InferenceData`, from ArviZ 1.0 on the tree itself."""
+    with quiet(FutureWarning):  # ArviZ 0.x warns of its next version on import
+        import arviz  # imported on demand: takes a second
 
     if not hasattr(arviz, "InferenceData"):
         return kept
     groups = {name: group.to_dataset() for name, group in kept.children.items()}
-    with quiet(UserWarning):  # said of groups that ArviZ has no name for
+    with quiet(UserWarning):  # for groups unknown to ArviZ
         return arviz.InferenceData(attrs=dict(kept.attrs), **groups)
 
 
@@ -104,17 +107,17 @@ def keep(
     mode: Integers | None = None,
     moved: Moved | None = None,
 ) -> DataTree:
-    """All that is known after sampling, by groups.
+    """All results of the sampling, in groups.
 
     Args:
         draws: from the target.
-        target: the posterior that they are of.
+        target: the posterior.
         blocks: of the S segments in the target's likelihood. Each part of their Hessian takes 4 bytes a draw.
         labels: names, units and times.
-        attributes: of the run. True and False become 1 and 0, what is neither text nor a number becomes JSON.
-        most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
-        mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
-        moved: what moves the draws of `theta` and `beta` besides; `lp` and `effort` are theirs before.
+        attributes: of the run. True and False become 1 and 0; other types than text and numbers become JSON.
+        most: largest number of stored draws. Whole sweeps are dropped evenly, but at least one is kept.
+        mode: (D, E, W) index of each draw's mode; None for a single mode.
+        moved: shifts of `theta` and `beta`; `lp` and `effort` are those before the shift.
     """
     every, kept = draws.kept_sweeps(most)
     theta, log_scale, beta, density = (
@@ -131,7 +134,7 @@ def keep(
     blocks, likelihood = by_blocks(blocks, target.likelihood, *flat)
     block = _block_coordinates(likelihood, blocks, labels)
     terms = pointwise(likelihood, blocks.normal_equations, *flat).reshape(chains, size, -1).astype(np.float32)
-    held = np.flatnonzero(np.ptp(terms, axis=(0, 1)))  # segments at a log's ends may have no samples
+    held = np.flatnonzero(np.ptp(terms, axis=(0, 1)))  # segments at the ends of a log may have no samples
     effort = Dataset(
         {"effort": ((*_SAMPLED, "block"), terms)},
         {**drawn, **block},
@@ -172,7 +175,7 @@ def _run(draws: Draws, every: int) -> dict[str, object]:
 
 
 def _plain(value: object) -> str | int | float:
-    """What a netCDF attribute can hold: text, a number of 64 bits, 1 or 0 for a truth value, and JSON of all else."""
+    """A valid netCDF attribute: text, a 64-bit number, 1 or 0 for a truth value, and JSON of all else."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, bool):
@@ -183,12 +186,12 @@ def _plain(value: object) -> str | int | float:
 
 
 def _walker_major(values: Any) -> Any:
-    """(E, W D, ...) of values (D, E, W, ...): all sweeps of a chain's first walker, then all of its second.
+    """(E, W D, ...) from (D, E, W, ...): all sweeps of a chain's first walker, then all of its second.
 
-    Laid end to end, walkers that know nothing of each other leave at lag t a share 1 - t / D of a walker's own
-    autocorrelation: just what the variance of a mean over D sweeps has. So `az.ess` is right, even for walkers that
-    never move (W). Interleaved (all walkers of the first sweep, then of the second), the autocorrelation sits W lags
-    away, where the estimator has long stopped looking, and the ESS comes out as D W.
+    Concatenated independent walkers keep a share 1 - t / D of a walker's own autocorrelation at lag t, as in the
+    variance of a mean over D sweeps. So `az.ess` is right, even for walkers that never move (W). In interleaved order
+    (all walkers of the first sweep, then of the second) the autocorrelation is W lags away, beyond the estimator's
+    window, and the ESS becomes D W.
     """
     moved = np.moveaxis(values, 0, 2)
     return np.ascontiguousarray(moved).reshape(moved.shape[0], -1, *moved.shape[3:])
@@ -218,9 +221,9 @@ def _sample_stats(density: Array, kept: Integers, walkers: int, drawn: Mapping[s
 
 
 def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: Labels) -> dict[str, Any]:
-    """The K entries of the dimension `block` and what belongs to each: joint, times, samples, sign.
+    """The K entries of the dimension `block`: joint, times, samples and sign of each.
 
-    An entry of several blocks begins with the first and ends with the last one; its sign is 0 unless all have the same
+    An entry of several blocks starts with the first and ends with the last one. Its sign is 0 unless all have the same
     fixed one.
     """
     normal_equations = blocks.normal_equations
@@ -251,7 +254,7 @@ def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: La
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """The names, those that came before with a number behind: joined logs have blocks at the same times."""
+    """Unique names; repeated ones, as from joined logs, get a number."""
     seen: dict[str, int] = {}
     distinct = []
     for name in names:
@@ -271,7 +274,7 @@ def _observed(normal_equations: NormalEquations, block: Mapping[str, Any]) -> Da
 
 
 def _names(labels: Labels) -> dict[str, Any]:
-    """Coordinates of the dimensions: nothing else may stand beside draws, or `az.summary` of ArviZ 1.x fails."""
+    """Coordinates of the dimensions only; others make `az.summary` of ArviZ 1.x fail."""
     return {
         "coefficient": list(labels.coefficients.names),
         "parameter": [parameter.name for parameter in labels.parameters],
@@ -304,18 +307,15 @@ def _constants(target: Target, normal_equations: NormalEquations, labels: Labels
     return Dataset(variables, {**_names(labels), **described})
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# posterior.nc
-# ---------------------------------------------------------------------------------------------------------------
 @one_at_a_time
 def write(kept: xarray.DataTree, path: Path | str) -> None:
-    """Writes netCDF, compressed, over whatever is there."""
-    packed = {"zlib": True, "complevel": 4, "shuffle": True}  # unshuffled, the bytes of floats hardly shrink
+    """Writes compressed netCDF; replaces an existing file."""
+    packed = {"zlib": True, "complevel": 4, "shuffle": True}  # without shuffling, floats hardly shrink
     encoding = {
         group: {
-            name: {"_FillValue": None, **(packed if one.size > 1 else {})}
-            for name, one in node.variables.items()
-            if one.dtype.kind in "fi"
+            name: {"_FillValue": None, **(packed if variable.size > 1 else {})}
+            for name, variable in node.variables.items()
+            if variable.dtype.kind in "fi"
         }
         for group, node in kept.children.items()
     }
@@ -323,17 +323,17 @@ def write(kept: xarray.DataTree, path: Path | str) -> None:
 
 
 def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tuple[Array, Array, Array | None]:
-    """Of all K draws in a file, chain after chain, parameters, noise and gains.
+    """Parameters, noise and gains of all K draws in a file, chain after chain.
 
     Returns:
-        (K, P) parameters theta, (K, n) noise, N m, and (K, n) logarithms of the gains; None where gains were exact.
+        (K, P) parameters theta, (K, n) noise, N m, and (K, n) logarithms of the gains; None if gains were exact.
 
     Raises:
-        InputError: if the file is missing, damaged, not a posterior of bayesid, or of a model with other parameters.
+        InputError: the file is missing, damaged, not a posterior of bayesid, or of a model with other parameters.
     """
     posterior = _read(path, ("theta", "noise"), ("log_gain",))
     if parameters is not None and posterior["parameter"].values.tolist() != list(parameters):
-        raise InputError("the posterior of another model, with other parameters", str(path), _REMEDY)
+        raise InputError("is the posterior of another model, with other parameters", str(path), _REMEDY)
     flat = {name: draws.values.reshape(-1, draws.shape[2]) for name, draws in posterior.data_vars.items()}
     return flat["theta"], flat["noise"], flat.get("log_gain")
 
@@ -342,7 +342,7 @@ def read_coefficients(path: Path | str) -> Array:
     """(E, D W, r) coefficients of all draws in a file, in the order of sweeps, see `Draws.kept_coefficients`.
 
     Raises:
-        InputError: if the file is missing, damaged or not a posterior of bayesid.
+        InputError: the file is missing, damaged or not a posterior of bayesid.
     """
     posterior = _read(path, ("beta",))
     beta, walkers = posterior["beta"].values, int(posterior.attrs["walkers"])
@@ -351,21 +351,23 @@ def read_coefficients(path: Path | str) -> Array:
 
 
 @one_at_a_time
-def _read(path: Path | str, wanted: Sequence[str], optional: Sequence[str] = ()) -> xarray.Dataset:
-    """Draws (E, D, ...) of the posterior in a file, with names of their last dimensions and the file's attributes."""
+def _read(path: Path | str, required: Sequence[str], optional: Sequence[str] = ()) -> xarray.Dataset:
+    """Draws (E, D, ...) of the posterior in a file, with their last dimensions' names and the file's attributes."""
     where = str(path)
     if not Path(path).is_file():
-        raise InputError("there is no such file", where, _REMEDY)
+        raise InputError("no such file", where, _REMEDY)
     try:
         with xarray.open_dataset(path, engine="h5netcdf") as file:
             attributes = file.attrs
         with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as group:
-            draws = group[[*wanted, *(name for name in optional if name in group)]].load().assign_attrs(attributes)
-    except Exception as error:  # HDF5 raises anything at all at a damaged file
-        raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
+            draws = group[[*required, *(name for name in optional if name in group)]].load().assign_attrs(attributes)
+    except Exception as error:  # HDF5 raises various errors for a damaged file
+        raise InputError("is not a netCDF file of a posterior, or is damaged", where, _REMEDY) from error
     ours = attributes.get("inference_library") == _LIBRARY and "walkers" in attributes
-    if not ours or any(one.dims != ("chain", "draw", _DIMENSIONS[str(name)]) for name, one in draws.data_vars.items()):
-        raise InputError("the posterior of another program", where, _REMEDY)
-    if not all(np.isfinite(one).all() for one in draws.data_vars.values()):
+    if not ours or any(
+        values.dims != ("chain", "draw", _DIMENSIONS[str(name)]) for name, values in draws.data_vars.items()
+    ):
+        raise InputError("was not written by bayesid", where, _REMEDY)
+    if not all(np.isfinite(values).all() for values in draws.data_vars.values()):
         raise InputError("some draws are not finite numbers", where, _REMEDY)
     return draws

@@ -1,23 +1,21 @@
-"""The likelihood of parameters and noise scales, the unknown signs summed out, from moments alone.
+"""The likelihood of parameters and noise scales with unknown signs summed out, from normal equations.
 
-Row i of joint j says  s_k |tau|_i = y_i' beta + e_i  with s_k the sign of its segment and e_i normal. With u_j the
-logarithm of joint j's noise over the reference one, w_j = exp(-2 u_j), n_j its effective samples (samples over the
-integrated autocorrelation time of the residual), and H_j, g_k, c_j moments in units of the reference noise,
+Row i of joint j is  s_k |tau|_i = y_i' beta + e_i  with s_k the sign of its segment and e_i normal. With u_j the
+logarithm of joint j's noise over its reference, w_j = exp(-2 u_j), n_j its effective samples (samples over the
+integrated autocorrelation time of the residual), and H_j, g_k, c_j in units of the reference noise,
 :eq:`marginal-likelihood`::
 
     log L(beta, u) = sum_j [-n_j u_j - w_j (beta' H_j beta + c_j) / 2] + sum_k log(2 cosh(w_j(k) g_k' beta)),
 
-up to a constant that no sign and no parameter changes. A segment whose sign is fixed (known, or decided by the branch)
-has s_k w_j g_k' beta in place of its log(2 cosh). H_j are sums over segments, so the price does not depend on the
-log's length.
+up to a constant. A segment with a fixed sign (known, or decided by the branch) has s_k w_j g_k' beta in place of its
+log(2 cosh). H_j are sums over segments, so the cost does not depend on the log's length.
 
-Blocks are the stretches of a log that are left out one at a time where models are compared by their draws.
+Blocks are stretches of a log that are left out one at a time to compare models by their draws.
 
-A segment may hold a tenth of what a short log says: without it the posterior is another one, and draws given all the
-data cannot stand for it (Vehtari, Gelman and Gabry 2017: a Pareto k above 0.7). So segments are cut into blocks, of at
-least eight autocorrelation times of the residual, that neighbours say little of each other. Under a sign s_k on which
-all draws agree, the likelihoods of a segment's blocks multiply to that of the segment; where draws disagree, the blocks
-of a segment have only one likelihood together, and it is left out as a whole.
+A segment may have a tenth of a short log's information. Without it the posterior differs too much for draws given all
+data (Vehtari, Gelman and Gabry 2017: a Pareto k above 0.7). So segments are cut into blocks of at least eight
+autocorrelation times of the residual, which are nearly independent. If all draws agree on a sign s_k, the likelihoods
+of a segment's blocks multiply to that of the segment. If not, the segment is left out as a whole.
 """
 
 from __future__ import annotations
@@ -40,7 +38,7 @@ from bayesid.regression.normal_equations import NormalEquations
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Moments of S segments of n joints, in units of the reference noise."""
+    """Normal equations of S segments of n joints, in units of the reference noise."""
 
     projection: Array  #: (r, P) B with beta = B theta
     hessian: Array  #: (n, r, r) H_j
@@ -48,7 +46,7 @@ class Likelihood:
     count: Array  #: (n,) effective samples
     gradient: Array  #: (S, r) g_k
     joint: Integers  #: (S,) 0-based joint of each segment
-    fixed: Integers  #: (S,) +1 or -1; 0 where the sign is summed out
+    fixed: Integers  #: (S,) +1 or -1; 0 if the sign is summed out
     sigma: Array  #: (n,) the reference noise, N m
 
     @property
@@ -58,7 +56,7 @@ class Likelihood:
 
     @cached_property
     def unknown(self) -> Integers:
-        """(w,) the segments whose sign is summed out."""
+        """(w,) segments whose sign is summed out."""
         return np.flatnonzero(self.fixed == 0)
 
     @cached_property
@@ -75,11 +73,11 @@ class Likelihood:
 
     @cached_property
     def members(self) -> Array:
-        """(w, n) 1 where the unknown segment belongs to the joint."""
+        """(w, n) 1 if the unknown segment belongs to the joint."""
         return (self.joint[self.unknown][:, None] == np.arange(self.n_joints)).astype(float)
 
     def log_likelihood(self, theta: Array, log_scale: Array) -> Array:
-        """(W,) log L (:eq:`marginal-likelihood`) of parameters theta (W, P) and logarithms of noise scales (W, n)."""
+        """(W,) log L (:eq:`marginal-likelihood`) at parameters theta (W, P) and log noise scales (W, n)."""
         beta = theta @ self.projection.T
         weight = np.exp(-2.0 * log_scale)
         push = np.abs(beta @ self.open_gradient.T * weight[:, self.joint[self.unknown]])
@@ -88,7 +86,7 @@ class Likelihood:
         return marginal - log_scale @ self.count - np.sum(weight * quadratic, axis=1)
 
     def pointwise(self, theta: Array, log_scale: Array) -> Array:
-        """(W, S) log(2 cosh(w g_k' beta)), or s_k w g_k' beta where the sign is fixed: what each sign contributes."""
+        """(W, S) log(2 cosh(w g_k' beta)), or s_k w g_k' beta for a fixed sign: each segment's contribution."""
         push = self.push(theta, log_scale)
         size = np.abs(push)
         return np.where(self.fixed == 0, size + np.log1p(np.exp(-2.0 * size)), self.fixed * push)
@@ -103,19 +101,19 @@ class Likelihood:
         return (beta @ self.hessian.reshape(n * r, r).T).reshape(-1, n, r)
 
     def residual(self, beta: Array, signs: Array) -> Array:
-        """(W, n) sum of squared residuals of each joint for coefficients (W, r) and the unknown signs (W, w)."""
+        """(W, n) sum of squared residuals of each joint for coefficients (W, r) and unknown signs (W, w)."""
         agreement = (signs * (beta @ self.open_gradient.T)) @ self.members + beta @ self.settled.T
         squares: Array = self.curvature(beta) - 2.0 * agreement + self.energy
-        return np.maximum(squares, 1e-12 * self.energy)  # less is rounding
+        return np.maximum(squares, 1e-12 * self.energy)  # limit for rounding
 
     def conditional_gradient(self, beta: Array, log_scale: Array, signs: Array) -> Array:
-        """(W, r) gradient of log L in beta (W, r) for given unknown signs (W, w)."""
+        """(W, r) gradient of log L by beta (W, r) for given unknown signs (W, w)."""
         weight = np.exp(-2.0 * log_scale)
         of_fixed = np.einsum("wj,wjr->wr", weight, self.settled - self.apply(beta))
         return of_fixed + (signs * weight[:, self.joint[self.unknown]]) @ self.open_gradient
 
     def push(self, theta: Array, log_scale: Array) -> Array:
-        """(W, S) w g_k' beta: half the log odds of a plus."""
+        """(W, S) w g_k' beta: half the log odds of sign +."""
         return theta @ self.projection.T @ self.gradient.T * np.exp(-2.0 * log_scale)[:, self.joint]
 
     def plus_probability(self, theta: Array, log_scale: Array) -> Array:
@@ -130,7 +128,7 @@ class Likelihood:
         return np.where(self.push(theta, log_scale)[:, self.unknown] >= 0.0, 1.0, -1.0)
 
     def draw_signs(self, beta: Array, log_scale: Array, random: RandomState) -> Array:
-        """(W, w) signs of the unknown segments given all else."""
+        """(W, w) draws of the unknown signs given all else."""
         uniform = random.random_sample((len(beta), len(self.unknown)))
         push = beta @ self.open_gradient.T * np.exp(-2.0 * log_scale)[:, self.joint[self.unknown]]
         return np.where(uniform < expit(2.0 * push), 1.0, -1.0)
@@ -149,9 +147,8 @@ def make_likelihood(
         normal_equations: of S segments, not scaled.
         coefficients: the r base coefficients.
         sigma: (n,) sd of the residual, N m; the reference of the noise scales.
-        autocorrelation: (n,) integrated autocorrelation time of the residual, samples: so many count as one
-            (:eq:`effective-samples`).
-        fixed: (S,) +1 or -1 for the signs that are given, 0 for those to sum out. Known signs are given anyway.
+        autocorrelation: (n,) integrated autocorrelation time of the residual, samples (:eq:`effective-samples`).
+        fixed: (S,) +1 or -1 for fixed signs, 0 for those to sum out. Known signs are always fixed.
     """
     n = len(sigma)
     scaled = normal_equations.scaled(sigma * np.sqrt(autocorrelation))
@@ -167,15 +164,12 @@ def make_likelihood(
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Blocks
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SegmentBlocks:
     """B stretches of S segments of a log."""
 
-    normal_equations: NormalEquations  #: of the blocks, not scaled, efforts as those of their segments
-    segment: Integers  #: (B,) the segment that each is a part of
+    normal_equations: NormalEquations  #: of the blocks, not scaled, with efforts as in their segments
+    segment: Integers  #: (B,) segment of each block
     start: Integers  #: (B,) its first sample
     end: Integers  #: (B,) the sample after its last one
 
@@ -184,12 +178,12 @@ class SegmentBlocks:
 
     @property
     def of_segments(self) -> NormalEquations:
-        """Moments of the segments."""
+        """Normal equations of the segments."""
         return self.whole(np.ones(int(self.segment.max(initial=-1)) + 1, dtype=bool)).normal_equations
 
     def whole(self, chosen: Mask) -> SegmentBlocks:
-        """The blocks of the chosen segments (S,) joined to one each."""
-        first = np.unique(self.segment, return_index=True)[1]  # every segment has one
+        """The same with the blocks of the chosen segments (S,) merged."""
+        first = np.unique(self.segment, return_index=True)[1]  # every segment has at least one
         joined = np.where(chosen[self.segment], first[self.segment], np.arange(len(self)))
         kept, into = np.unique(joined, return_inverse=True)
         end = self.end[kept]
@@ -198,9 +192,9 @@ class SegmentBlocks:
 
 
 def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Integers]:
-    """Segments cut into blocks of about the same length, as if of unknown sign, and the segment that each is a part of.
+    """Segments cut into blocks of similar length, with unknown signs, and the segment of each block.
 
-    By the integrated autocorrelation time (n,) of each joint's residual, samples.
+    The length follows from the integrated autocorrelation time (n,) of each joint's residual, samples.
     """
     size = np.maximum(segments.end - segments.start, 0)
     least = np.maximum(
@@ -211,17 +205,17 @@ def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Intege
     segment = np.repeat(np.arange(len(segments)), number)
     place = np.arange(len(segment)) - np.repeat(np.cumsum(number) - number, number)
     start, end = (segments.start[segment] + size[segment] * edge // number[segment] for edge in (place, place + 1))
-    signs = np.zeros(len(segment), dtype=np.int64)  # known ones too want a likelihood of their own
+    signs = np.zeros(len(segment), dtype=np.int64)  # known signs need their own likelihood too
     return replace(segments[segment], start=start, end=end, known=signs), segment
 
 
 def agreed_signs(likelihood: Likelihood, theta: Array, log_scale: Array) -> Integers:
-    """(S,) the sign of each segment that all draws (W, P) and (W, n) are sure of; 0 where there is none."""
+    """(S,) sign of each segment on which all draws (W, P) and (W, n) agree; 0 without agreement."""
     least, most = np.full((2, len(likelihood.joint)), [[np.inf], [-np.inf]])
     for some in _stretches(len(theta), len(likelihood.joint)):
         push = likelihood.push(theta[some], log_scale[some])
         least, most = np.minimum(least, push.min(axis=0)), np.maximum(most, push.max(axis=0))
-    needed = -0.5 * np.log(np.expm1(TUNING.agreed))  # log(1 + exp(-2 push)) is what the other sign adds
+    needed = -0.5 * np.log(np.expm1(TUNING.agreed))  # log(1 + exp(-2 push)) is the other sign's contribution
     agreed = np.where(least >= needed, 1, np.where(most <= -needed, -1, 0))
     return np.where(likelihood.fixed != 0, likelihood.fixed, agreed)
 
@@ -229,9 +223,9 @@ def agreed_signs(likelihood: Likelihood, theta: Array, log_scale: Array) -> Inte
 def by_blocks(
     blocks: SegmentBlocks, likelihood: Likelihood, theta: Array, log_scale: Array
 ) -> tuple[SegmentBlocks, Likelihood]:
-    """Blocks whose likelihoods multiply to that of the log, and it in terms of them instead of S segments.
+    """Blocks whose likelihoods multiply to that of the log, and the likelihood in terms of these blocks.
 
-    Which those are is decided by draws (W, P) of the parameters and (W, n) of the logarithms of the noise scales.
+    Draws (W, P) of the parameters and (W, n) of the log noise scales decide which segments are merged.
     """
     agreed = agreed_signs(likelihood, theta, log_scale)
     blocks = blocks.whole(agreed == 0)
@@ -243,16 +237,16 @@ def by_blocks(
 
 
 def pointwise(likelihood: Likelihood, normal_equations: NormalEquations, theta: Array, log_scale: Array) -> Array:
-    """(W, K) log likelihood of each of the K parts of the moments' Hessian, signs summed out.
+    """(W, K) log likelihood of each of the K parts of the Hessian, with signs summed out.
 
-    Of a block k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u) and moments over sigma^2 tau:
+    For a block k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u), in units of sigma^2 tau:
 
         -(N_k / tau) (u + log(2 pi sigma^2) / 2) - w (beta' H_k beta + c_k) / 2 + log(cosh(w g_k' beta)),
 
-    the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term where the
-    sign is fixed. A part that several blocks share has the sum of theirs. The sum over all parts is
-    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2). The moments of
-    the blocks are not scaled; parameters are (W, P), logarithms of noise scales (W, n).
+    the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term with a
+    fixed sign. A part shared by several blocks has the sum of theirs. The sum over all parts is
+    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2). The normal
+    equations of the blocks are not scaled; parameters are (W, P), log noise scales (W, n).
     """
     autocorrelation = autocorrelation_times(likelihood, normal_equations)
     scaled = normal_equations.scaled(likelihood.sigma * np.sqrt(autocorrelation))
@@ -275,7 +269,7 @@ def pointwise(likelihood: Likelihood, normal_equations: NormalEquations, theta: 
 
 
 def _stretches(rows: int, width: int) -> Iterator[slice]:
-    """Rows so many at once that an array of this width holds 32 MB."""
+    """Slices of rows for which an array of this width takes 32 MB."""
     most = max(1, 2**22 // max(1, width))
     for first in range(0, rows, most):
         yield slice(first, first + most)

@@ -1,25 +1,24 @@
-"""The modes of the posterior: where walkers must start, for none finds its way from one to another; and their draws.
+"""The modes of the posterior: start points of the walkers, which cannot move between modes; and the draws of each.
 
-All unknown signs are summed out, so a walker passes from an assignment of signs to its neighbours by itself. What it
-does not cross is the valley between assignments that differ in much, above all between the two sides of a joint's
-near-symmetry: all its signs turned, and the parameters of the rest bent to suit. The assignments to start from are
-those that the search could not rule out, and the best one with each joint turned round. Information of an earlier log
-pulls at all of them alike: it may rule one side out.
+All unknown signs are summed out, so a walker moves between neighbouring assignments. It does not cross the valley
+between very different assignments, above all between the two sides of a joint's near-symmetry: all its signs flipped,
+and the other parameters adapted. Start points are the assignments that the search could not exclude, and the best one
+with each joint flipped. Information of an earlier log acts on all of them, and may exclude one side.
 
-The marginal likelihood of a mode, prior times likelihood, integrated over the region, is its mass:
+The mass of a mode is its marginal likelihood: prior times likelihood, integrated over the region:
 
-1. A normal distribution that fits the region, N(centre, inverse Hessian of the quadratic function with a barrier).
-   Its share inside the region comes by splitting (Kahn and Harris 1951; Au and Beck 2001): the region is widened until
-   it holds all draws, then narrowed again so that a part of the walkers stays at each level; the product of these parts
-   is the share. The walkers follow by hit-and-run.
-2. Restricted to the region, it is led in a few steps to the normal distribution of theta given noise scales and all
-   signs, exp(-theta' A theta / 2 + b' theta). Bridge sampling (Meng and Wong 1996) gives the ratio of integrals from
-   step to step, and with them the share of that normal distribution inside the region, be it 1e-30.
-3. This distribution, with the noise scales drawn given theta, is q. A last bridge between q and the posterior's own
-   draws makes sums over signs and integrals over noise scales exact.
+1. A normal distribution fits the region: N(centre, inverse Hessian of the quadratic function with a barrier). Its mass
+   inside the region comes by splitting (Kahn and Harris 1951; Au and Beck 2001). The region is widened until it holds
+   all draws, then narrowed so that a share of the walkers survives each level; the product of the shares is the mass.
+   The walkers follow by hit-and-run.
+2. Restricted to the region, it changes in a few steps to the normal distribution of theta given noise scales and all
+   signs, exp(-theta' A theta / 2 + b' theta). Bridge sampling (Meng and Wong 1996) gives the ratios of the integrals,
+   and so the mass of that distribution inside the region, even if it is 1e-30.
+3. This distribution, with noise scales drawn given theta, is q. A last bridge between q and the posterior's own draws
+   accounts exactly for sums over signs and integrals over noise scales.
 
-Every step is done by several groups of walkers, which share the levels alone; their spread gives the standard error.
-The prior's normalisation is left out: it is the same for all modes.
+Every step uses several groups of walkers, which share only the levels; their spread gives the standard error. The
+prior's normalisation is left out, as it is common to all modes.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ class Normal:
 
     @classmethod
     def of_moments(cls, mean: Array, covariance: Array) -> Normal:
-        """By its mean (P,) and covariance (P, P), in mixed units."""
+        """From its mean (P,) and covariance (P, P), in mixed units."""
         scale = np.sqrt(np.diag(covariance))
         inverse = np.linalg.inv(covariance / np.outer(scale, scale) + RIDGE * np.eye(len(mean)))
         precision = 0.5 * (inverse + inverse.T) / np.outer(scale, scale)
@@ -80,24 +79,24 @@ class Normal:
         return float(0.5 * (white @ white + len(white) * np.log(2.0 * np.pi)) - np.log(np.diag(factor)).sum())
 
     def log_density(self, theta: Array) -> Array:
-        """(W,) at theta (W, P)."""
+        """(W,) log density at theta (W, P)."""
         value: Array = np.sum(theta * (self.linear - 0.5 * theta @ self.precision), axis=1)
         return value
 
     def on(self, plane: Plane) -> tuple[Normal, float]:
-        """The density of y in a plane, and the log of a factor that is left out of it."""
+        """The density of y in a plane, and the log of the factor left out."""
         origin, basis = plane.origin, plane.basis
         pull = self.linear - self.precision @ origin
         return Normal(basis.T @ self.precision @ basis, pull @ basis), float(0.5 * (self.linear + pull) @ origin)
 
     def toward(self, other: Normal, share: float) -> Normal:
-        """The normal distribution on the way to another one: the geometric mean with this weight of the other."""
+        """The geometric mean with another normal distribution, which has the weight `share`."""
         return Normal(
             (1.0 - share) * self.precision + share * other.precision, (1.0 - share) * self.linear + share * other.linear
         )
 
     def draw(self, walkers: int, random: RandomState) -> Array:
-        """(W, P) draws over all space."""
+        """(W, P) draws over the whole space."""
         root = np.linalg.inv(np.linalg.cholesky(self.precision))
         return (root @ self.linear + random.standard_normal((walkers, len(root)))) @ root
 
@@ -118,7 +117,7 @@ def integrate(
     """The mass of a mode from its draws, by at least 2 groups of walkers.
 
     Raises:
-        SolverError: the levels do not come to an end.
+        SolverError: the splitting did not end.
     """
     random = RandomState(seed)
     centre, scale = target.split(draws.coordinates.mean(axis=0))
@@ -161,10 +160,10 @@ def truncate(
 ) -> tuple[Array, Array]:
     """(G, W, P) draws of a normal distribution inside the region, and (G,) estimates of the log of its integral there.
 
-    Nearly all of it may lie outside; `inner` (P,) lies strictly inside. The integral is over the region's plane.
+    The mass inside may be tiny; `inner` (P,) lies strictly inside. The integral is over the region's plane.
 
     Raises:
-        SolverError: the levels do not come to an end.
+        SolverError: the splitting did not end.
     """
     plane, (flat, factor) = region.plane, normal.on(region.plane)
     y, log_mass = _truncate(region.flat, flat, plane.coordinates(inner), random, groups, walkers)
@@ -174,7 +173,7 @@ def truncate(
 def _truncate(
     region: FeasibleSet, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
 ) -> tuple[Array, Array]:
-    """The same where the region fills all of space."""
+    """The same for a region without equalities."""
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
     precision = np.linalg.inv(centre.covariance)
     first = Normal(0.5 * (precision + precision.T), precision @ centre.theta)
@@ -195,28 +194,28 @@ def _truncate(
 def truncate_by_splitting(
     region: FeasibleSet, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
 ) -> tuple[Array, Array]:
-    """The same by splitting alone, whose price grows with the log of the share; `inner` is best deep inside."""
+    """The same by splitting only, whose work grows with the log of the share; `inner` should lie deep inside."""
     most_levels = 2000  # each keeps a share of 0.3: masses down to 1e-1000
     theta = normal.draw(groups * walkers, random)
     log_share = np.zeros(groups)
     for _ in range(most_levels):
         excess = region.excess(theta.T, inner).reshape(groups, -1)
-        second = float(np.sort(excess, axis=1)[:, 1].max())  # two walkers of each group stay at least
+        second = float(np.sort(excess, axis=1)[:, 1].max())  # at least two walkers of each group survive
         relaxation = max(float(np.quantile(excess, TUNING.mass_share)), second, 0.0)
         stays = excess <= relaxation if relaxation > 0.0 else excess < 0.0
         log_share += np.log(stays.mean(axis=1))
         theta = theta[_resample(stays, random)]
-        relaxed = region.relaxed(relaxation * (1.0 + 1e-9), inner)  # rounding must not shut out the last one that stays
+        relaxed = region.relaxed(relaxation * (1.0 + 1e-9), inner)  # keeps the last survivor despite rounding
         lines = Conditional.of(relaxed, barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance)
         theta = normal.move(relaxed, theta, lines, TUNING.level_sweeps, random)
         if relaxation == 0.0:
             return theta.reshape(groups, walkers, region.size), log_share + normal.log_integral
-    status = f"{most_levels} levels do not reach the mass inside the region"
+    status = f"{most_levels} levels are too few for the mass inside the region"
     raise SolverError("marginal likelihoods of the modes", status)
 
 
 def _resample(stays: Mask, random: RandomState) -> Integers:
-    """(G W,) indices of walkers: in each group those that stay, each about equally often."""
+    """(G W,) indices of walkers: the survivors of each group, each about equally often."""
     groups, walkers = stays.shape
     chosen = []
     for g in range(groups):
@@ -229,7 +228,7 @@ def _resample(stays: Mask, random: RandomState) -> Integers:
 def bridge(of_target: Array, of_other: Array) -> float:
     """Log of the ratio of two integrals, target over other: Meng and Wong's optimal bridge, as Bennett's equation.
 
-    From log(target / other) at (M,) draws of the target, and at (N,) of the other.
+    The arguments are log(target / other) at (M,) draws of the target, and at (N,) of the other.
     """
     shift = np.log(len(of_target) / len(of_other))
 
@@ -239,24 +238,28 @@ def bridge(of_target: Array, of_other: Array) -> float:
         return float(up - down)  # falls from N to -M
 
     values = np.concatenate([of_target, of_other])
-    low, high = float(values.min()) - 50.0, float(values.max()) + 50.0  # no numbers of draws differ by exp(50)
+    low, high = (
+        float(values.min()) - 50.0,
+        float(values.max()) + 50.0,
+    )  # 50 exceeds the log of any ratio of draw numbers
     return float(scipy.optimize.brentq(excess, low, high, xtol=1e-10))
 
 
 class Mode(NamedTuple):
-    """Where walkers start."""
+    """A start point of the walkers."""
 
     theta: Array  #: (P,) centre, strictly inside the region
-    signs: Integers  #: (S,) the signs that lead there
-    log_density: float  #: of the target at the centre, noise scales as in the reference
+    signs: Integers  #: (S,) signs of the start point
+    log_density: float  #: of the target at the centre, at the reference noise
 
 
 def find_modes(
     target: Target, normal_equations: NormalEquations, solver: ConeLeastSquares, search: SearchResult
 ) -> tuple[Mode, ...]:
-    """The modes that matter, the densest first.
+    """The modes with enough density, the densest first.
 
-    Moments are in units of the target's reference noise; the solver is for them and the target's information, added.
+    The normal equations are in units of the target's reference noise; the solver is for their sum with the target's
+    information.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -277,10 +280,10 @@ def starting_points(
     solver: ConeLeastSquares,
     search: SearchResult,
 ) -> list[tuple[Integers, Array]]:
-    """Signs and best parameters of the search's branches, and of its best assignment with each joint turned round.
+    """Signs and best parameters of the search's branches, and of its best assignment with each joint flipped.
 
-    What is left out is hopelessly worse by a lower bound of its cost. The cost itself is not to be relied on: efforts
-    of little noise make it a small difference of large numbers.
+    Starts whose lower bound is far above the best cost are dropped. The bound is used instead of the cost, which with
+    little noise is a small difference of large numbers.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -291,7 +294,7 @@ def starting_points(
         return signs @ normal_equations.gradient + of_information
 
     def settled(signs: Integers) -> Integers:
-        """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
+        """Signs and parameters, alternated a few times."""
         for _ in range(TUNING.sign_rounds):
             theta = prepared.solve(gradient(signs)).theta
             before, signs = signs, predicted_signs(normal_equations, prepared.project(theta))
@@ -315,9 +318,9 @@ def _mode(target: Target, signs: Integers, theta: Array) -> Mode:
 
 
 def _valley(target: Target, mode: Mode, other: Mode) -> float:
-    """Nats by which the density falls on the straight way between two modes, below the lower one of them.
+    """Nats by which the density falls on the straight line between two modes, below the lower one.
 
-    The region is convex: the way lies inside.
+    The region is convex, so the line lies inside.
     """
     share = np.linspace(0.0, 1.0, TUNING.valley_steps + 1)[1:-1, None]
     theta = (1.0 - share) * mode.theta + share * other.theta
@@ -330,19 +333,19 @@ def _valley(target: Target, mode: Mode, other: Mode) -> float:
 class SampledMode:
     """One mode and its draws."""
 
-    mode: Mode  #: where the walkers started
+    mode: Mode  #: start point of the walkers
     draws: Draws  #: of this mode alone
-    marginal_likelihood: MarginalLikelihood | None  #: its mass; None where there is but one mode
+    marginal_likelihood: MarginalLikelihood | None  #: its mass; None for a single mode
     weight: float  #: its share of all modes' mass
 
 
 def sample_modes(
     target: Target, modes: Sequence[Mode], sampling: Sampling, began: float, progress: Progress
 ) -> tuple[SampledMode, ...]:
-    """The modes with draws and, where there are several, with their weights, heaviest first.
+    """The modes with draws and, if there are several, with weights, heaviest first.
 
-    Each mode has its share of the budget that remains, for its draws and its mass. The time limit of `sampling` counts
-    from `began`, on the clock of `time.perf_counter`.
+    The remaining budget is divided equally among the remaining modes, for draws and mass. The time limit of `sampling`
+    counts from `began`, on the clock of `time.perf_counter`.
 
     Raises:
         SolverError: the mass of a mode could not be computed.
@@ -353,9 +356,9 @@ def sample_modes(
     mass = TUNING.mass_sweeps * nominal_sweep(target, sampling.ensembles * sampling.walkers) * several
     remaining = sampling.budget
     for k, mode in enumerate(modes):
-        left = len(modes) - k
-        on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / left
-        share = replace(sampling, budget=max(0.0, remaining / left), time_limit=on_the_clock)
+        remaining_modes = len(modes) - k
+        on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / remaining_modes
+        share = replace(sampling, budget=max(0.0, remaining / remaining_modes), time_limit=on_the_clock)
         of_all = f" of mode {k + 1} of {len(modes)}" if several else ""
         with progress.stage(f"posterior{of_all}") as steps:
             draws.append(sample(target, mode.theta, share, steps, mass))
@@ -371,10 +374,9 @@ def sample_modes(
 
 
 def pool(modes: tuple[SampledMode, ...]) -> Draws:
-    """All modes' draws as one: first those of the heaviest mode, then of the next ones, as many as their weights ask.
+    """All modes' draws in one array: those of the heaviest mode first, in proportion to the weights.
 
-    The sweep at which one mode follows on another differs by one between walkers, so that shares finer than a sweep are
-    held.
+    The sweep between two modes differs by one between walkers, so that shares are finer than a sweep.
     """
     if len(modes) == 1:
         return modes[0].draws
@@ -393,7 +395,7 @@ def pool(modes: tuple[SampledMode, ...]) -> Draws:
 
 
 def mode_of_draws(modes: tuple[SampledMode, ...]) -> Integers:
-    """(D, E, W) index of the mode that each pooled draw is from."""
+    """(D, E, W) index of each pooled draw's mode."""
     if len(modes) == 1:
         return np.zeros(modes[0].draws.log_density.shape, dtype=np.int64)
     first = np.cumsum([sampled.draws.sweeps for sampled in _heavy(modes)])
@@ -405,20 +407,22 @@ def _heavy(modes: tuple[SampledMode, ...]) -> list[SampledMode]:
 
 
 def _places(heavy: Sequence[SampledMode]) -> tuple[Integers, ...]:
-    """Indices (sweep, ensemble, walker) of the pooled draws among those of all modes, one mode's after the other's."""
+    """Indices (sweep, ensemble, walker) of the pooled draws in the concatenated draws of all modes."""
     sweeps = np.array([sampled.draws.sweeps for sampled in heavy])
     weight = np.array([sampled.weight for sampled in heavy])
     total = max(1, int(np.min(sweeps * weight.sum() / weight)))
     ensembles, walkers = heavy[0].draws.log_density.shape[1:]
     late = (np.arange(ensembles * walkers).reshape(walkers, ensembles).T + 0.5) / (ensembles * walkers)
     shares = np.cumsum(np.append(0.0, weight / weight.sum()))
-    bounds = np.floor(total * shares[:, None, None] + late).astype(int)  # where each walker's modes begin and end
+    bounds = np.floor(total * shares[:, None, None] + late).astype(
+        int
+    )  # first and last sweep of each mode, for each walker
     bounds[-1] = total
     sweep = np.arange(total)[:, None, None]
     mode = np.sum(sweep >= bounds[1:-1, None], axis=0)
     begin = np.take_along_axis(bounds, mode, axis=0)
     count = np.take_along_axis(bounds, mode + 1, axis=0) - begin
-    chosen = (2 * (sweep - begin) + 1) * sweeps[mode] // (2 * count)  # of the mode's sweeps
+    chosen = (2 * (sweep - begin) + 1) * sweeps[mode] // (2 * count)  # index among the mode's sweeps
     first = np.cumsum(np.append(0, sweeps[:-1]))
     return (first[mode] + chosen, *np.ogrid[:ensembles, :walkers])
 

@@ -1,9 +1,9 @@
-"""Moves of an emcee ensemble for a normal distribution cut off by a cone, with unknown signs and noise scales.
+"""Moves of an emcee ensemble for a truncated normal distribution with unknown signs and noise scales.
 
-Each move leaves the posterior of every walker invariant by itself; walkers of all ensembles move together, so that
-numpy works on long arrays. The unknown signs are drawn given all else at the start of a move and forgotten at its end
-(data augmentation: Tanner and Wong 1987). Given them, theta is normal inside the region and hit-and-run draws exactly
-along each line (Smith 1984; Chen and Schmeiser 1993): nothing is ever rejected.
+Each move leaves the posterior of every walker invariant. Walkers of all ensembles move together, so that numpy works on
+long arrays. A move first draws the unknown signs given all else and drops them at its end (data augmentation: Tanner
+and Wong 1987). Given the signs, theta is normal inside the region, and hit-and-run draws exactly along each line (Smith
+1984; Chen and Schmeiser 1993), without rejections.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Conditional:
-    """Columns of a Cholesky factor of the covariance, its parameters in a new random order every time.
+    """Columns of a Cholesky factor of the covariance, with the parameters in a new random order each time.
 
-    Column k moves the k-th parameter of that order and, as far as they depend on it, those after it; in a normal
-    distribution a sweep over all columns draws afresh. Blocks keep together, so that later columns move few bodies:
-    the others do not cut such a line short. This is what mixes in the corner of the cone. Where equalities leave a
-    plane, the parameters are its y.
+    Column k moves the k-th parameter of that order and those after it, as far as they depend on it. For a normal
+    distribution a sweep over all columns is an independent draw. Blocks stay together, so that later columns move few
+    bodies and meet few boundaries; this gives good mixing in corners of the cone. With equalities the parameters are
+    the y of the plane.
     """
 
     covariance: Array  #: (d, d) of y
-    block: Integers  #: (d,) label of the block of each
+    block: Integers  #: (d,) block of each parameter
     basis: Array  #: (P, d) of the plane
 
     @classmethod
@@ -46,7 +46,7 @@ class Conditional:
         return cls(covariance, region.flat.blocks, region.plane.basis)
 
     def draw(self, random: RandomState) -> Array:
-        """(P, d)."""
+        """(P, d) columns."""
         size = len(self.covariance)
         place = random.random_sample(int(self.block.max()) + 1)[self.block]
         order = np.lexsort((random.random_sample(size), place))
@@ -56,15 +56,15 @@ class Conditional:
 
 
 class GibbsMove(ABC):
-    """A move that draws from conditional distributions: every walker accepts."""
+    """A move that draws from conditional distributions; every walker accepts."""
 
     @abstractmethod
     def update(self, coordinates: Array, random: RandomState) -> Array:
-        """(W, d) new coordinates of the walkers at (W, d), distributed as the target if those are."""
+        """(W, d) new coordinates of the walkers at (W, d); it leaves the target invariant."""
 
     def propose(self, model: object, state: State) -> tuple[State, Array]:
         """Moves all walkers (the interface of emcee.moves.Move)."""
-        from emcee.state import State  # here, as in `sampler`
+        from emcee.state import State  # imported on demand, as in `sampler`
 
         coordinates = self.update(state.coords, model.random)  # type: ignore[attr-defined]
         log_prob, _ = model.compute_log_prob_fn(coordinates)  # type: ignore[attr-defined]
@@ -74,7 +74,7 @@ class GibbsMove(ABC):
 
 @dataclass(frozen=True)
 class InTurn(GibbsMove):
-    """Several such moves, one after the other."""
+    """Several Gibbs moves, one after the other."""
 
     moves: Sequence[GibbsMove]
 
@@ -87,11 +87,11 @@ class InTurn(GibbsMove):
 
 @dataclass(frozen=True)
 class HitAndRun(GibbsMove):
-    """Draws theta along many lines in turn, given signs and noise scales (:eq:`chord`)."""
+    """Draws theta along many lines, given signs and noise scales (:eq:`chord`)."""
 
     target: Target
     directions: Conditional  #: the lines
-    temperature: float = 1.0  #: draws from the conditional density to the power of one over this
+    temperature: float = 1.0  #: draws from the conditional density to the power 1 / temperature
 
     def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
@@ -127,11 +127,11 @@ def sweep(
     """(K, W) steps along each of K lines in turn, each drawn from a normal distribution inside the region.
 
     Args:
-        region: where theta stays.
+        region: the region of theta.
         theta: (P, W).
         lines: (P, K).
         slopes: (K, W) of the log density along the lines, at theta.
-        curvature: (c, K, K) parts of minus the log density's Hessian between the lines.
+        curvature: (c, K, K) parts of the negative Hessian of the log density, between the lines.
         weights: (c, W) of these parts.
         random: the random state.
     """
@@ -145,7 +145,7 @@ def sweep(
         bend = curvature[:, k, k:].T @ weights  # (K - k, W)
         t = draw_on_line(slack, matrices, rows[:, k], entries[:, :, k], slopes[k], bend[0], random, TUNING.idle)
         slopes[k + 1 :] -= t * bend[1:]
-        state += t * change[:, k, None]  # slack and matrices are parts of it
+        state += t * change[:, k, None]  # slack and matrices are views of it
         steps[k] = t
     return steps
 
@@ -155,9 +155,9 @@ class NoiseScales(GibbsMove):
     """Draws every joint's noise scale, given theta and the signs (:eq:`noise-scale`).
 
     With R_j the joint's sum of squared residuals, w = exp(-2 u) has the density w^(n_j / 2) exp(-R_j w / 2) du times
-    the prior's. With the tangent of the log prior at the mode u* in its place, exp(-u u* / sd^2), it is a gamma density
-    of w. That is proposed, and corrected by what is left of the prior, exp(-(u - u*)^2 / (2 sd^2)) (Metropolis,
-    independent proposals): no walker sticks, however far u* lies from the prior's mean.
+    the prior's. With the log prior replaced by its tangent at the mode u*, exp(-u u* / sd^2), w has a gamma density.
+    That is the proposal of an independent Metropolis step, which the rest of the prior, exp(-(u - u*)^2 / (2 sd^2)),
+    accepts or rejects. Acceptance stays high even if u* is far from the prior's mean.
     """
 
     target: Target
@@ -168,7 +168,7 @@ class NoiseScales(GibbsMove):
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
         signs = likelihood.draw_signs(beta, log_scale, random)
-        residual = np.maximum(likelihood.residual(beta, signs), TINY)  # none of a joint whose efforts are all in fault
+        residual = np.maximum(likelihood.residual(beta, signs), TINY)  # zero for a joint with only invalid efforts
         # the mode u*: n + u* / sd^2 = R exp(-2 u*)
         tilted = wrightomega(2.0 * variance * likelihood.count + np.log(2.0 * variance * residual)) / (2.0 * variance)
         mode = variance * (tilted - likelihood.count)
@@ -185,10 +185,10 @@ def noise_scales(shape: Array, residual: Array, random: RandomState) -> Array:
 
 
 def spread_walkers(target: Target, centre: Centre, directions: Conditional, walkers: int, random: RandomState) -> Array:
-    """(W, P + n) starting points, spread wider than the posterior: a few sweeps at a higher temperature.
+    """(W, P + n) starting points, more dispersed than the posterior: a few sweeps at a higher temperature.
 
-    They begin inside the ellipsoid that the barrier's Hessian spans about the centre, which lies in the region
-    (Nesterov and Nemirovskii 1994, 2.1.1).
+    They start inside the ellipsoid of the barrier's Hessian about the centre, which lies in the region (Nesterov and
+    Nemirovskii 1994, 2.1.1).
     """
     root = factor(centre.covariance)
     noise = random.standard_normal((walkers, len(root)))

@@ -1,10 +1,9 @@
-"""Draws from the posterior of one branch, by emcee, until they are enough.
+"""Draws from the posterior of one mode, by emcee, until they have converged.
 
-Several ensembles start apart and never exchange anything; only the lines' covariance, fixed before the first draw that
-counts, is common to them. Half of the ensembles sit in one emcee sampler, whose moves treat each walker by itself, and
-half in another: two processors sweep side by side. More and smaller parts would cost one processor much more, for numpy
-is as good as its arrays are long. Convergence is judged by ArviZ: R-hat between ensembles, effective sample sizes over
-walkers.
+Several ensembles start apart and stay independent; they share only the lines' covariance, which is fixed before the
+first kept draw. One emcee sampler holds half of the ensembles, another one the other half, and two processors sweep in
+parallel. More and smaller parts would slow down one processor, as numpy is fast on long arrays. ArviZ measures
+convergence: R-hat between ensembles, effective sample sizes over walkers.
 """
 
 from __future__ import annotations
@@ -29,31 +28,31 @@ from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.protocol import check_limits
 
 _ROUNDING = 1e-12
-"""Share of the largest value by which draws of a constant differ at most: a sum that an equality fixes is rounded."""
+"""Largest relative difference between draws of a constant, such as a sum that an equality fixes: rounding."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a posterior is sampled: with how many walkers, how long, and how well.
+    """Options of the sampling.
 
     Attributes:
-        ensembles: that R-hat compares.
-        walkers: in each.
-        warm_up: sweeps left out at the start, a quarter of all at the least; `bayesid study sbc` would show too few.
-        first_check: sweeps after which the diagnostics are looked at first.
-        max_sweeps: after which the run ends, converged or not.
-        max_rhat: wanted of every quantity; 1.01 is that of Vehtari et al. (2021).
-        min_ess: wanted of every quantity, bulk and tail; 400 is theirs too.
-        per_walker: the same for every walker, on average.
-        budget: nominal seconds of work, about those of an idle machine: warm-up, diagnostics and what weighs several
-            modes included. However few, a mode takes a few sweeps and its weighing.
-        time_limit: seconds on the clock; what they end early says so.
-        rng: of all random numbers: a seed, a generator that draws one, or None for another one each time. Unless the
-            time limit ends the run, the draws depend on nothing else.
-        mode: whose mean the model holds where there are several, from 1, the heaviest.
+        ensembles: number of ensembles that R-hat compares.
+        walkers: in each ensemble.
+        warm_up: dropped sweeps at the start, at least a quarter of all; `bayesid study sbc` tests the number.
+        first_check: sweeps before the first check of the diagnostics.
+        max_sweeps: the run ends after these sweeps, converged or not.
+        max_rhat: largest R-hat of every quantity; 1.01 as in Vehtari et al. (2021).
+        min_ess: least effective sample size of every quantity, bulk and tail; 400 as in the same paper.
+        per_walker: the same for each walker, on average.
+        budget: nominal seconds of work, about those of an idle machine, including warm-up, diagnostics and the masses
+            of several modes. Each mode gets a few sweeps and its mass, however small the budget.
+        time_limit: wall-clock seconds; the result says if it ended the run.
+        rng: a seed, a generator that draws one, or None for a new one each time. Unless the time limit ends the run,
+            the draws depend on nothing else.
+        mode: number of the mode whose mean becomes the model, from 1, the heaviest.
 
     Raises:
-        InputError: the budget is no number of seconds, a goal is not finite, or the mode none from 1 on.
+        InputError: the budget is not a number of seconds, a goal is not finite, or the mode is below 1.
 
     Example:
         >>> sampling = bayesid.Sampling(budget=300.0, rng=3)  # bayesid.identify(..., posterior=sampling)
@@ -88,29 +87,26 @@ class Sampling:
 
     @property
     def seed(self) -> int:
-        """Of all random numbers, by which the run can be repeated."""
+        """Seed of all random numbers; it reproduces the run."""
         return seed_of(self.rng)
 
     @property
     def wanted_ess(self) -> float:
-        """Walkers that never move are as many independent draws; so every one must have made several."""
+        """Required effective sample size; walkers that never move look independent, so each must make several."""
         return max(self.min_ess, self.per_walker * self.ensembles * self.walkers)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Convergence
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Diagnostics:
-    """Of K quantities."""
+    """Diagnostics of K quantities."""
 
-    #: (K,) rank-normalised split R-hat (Vehtari et al. 2021), the larger of bulk and tail, between ensembles: every
-    #: ensemble's walkers together are a chain, split into its earlier and its later half
+    #: (K,) rank-normalised split R-hat (Vehtari et al. 2021), the larger of bulk and tail, between ensembles: all
+    #: walkers of an ensemble together are one chain, split into its earlier and its later half
     rhat: Array
-    #: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count; at most
-    #: the number of draws, which it is for a constant
+    #: (K,) effective sample size of the bulk, with every walker as a chain, so that walkers that do not mix count; at
+    #: most the number of draws, which a constant has
     bulk: Array
-    tail: Array  #: (K,) the smaller one of the 5 % and 95 % quantiles
+    tail: Array  #: (K,) effective sample size of the 5 % or the 95 % quantile, the smaller one
 
     @property
     def max_rhat(self) -> float:
@@ -123,18 +119,18 @@ class Diagnostics:
         return float(min(np.min(self.bulk), np.min(self.tail)))
 
     def passes(self, max_rhat: float, min_ess: float) -> bool:
-        """Whether all quantities have converged this far; NaN has not."""
+        """Whether all quantities pass; NaN does not."""
         return self.max_rhat <= max_rhat and self.min_ess >= min_ess
 
 
-@one_at_a_time  # ArviZ changes warnings as it goes
+@one_at_a_time  # ArviZ changes warning filters
 def diagnose(draws: Array) -> Diagnostics:
     """Diagnostics of draws (D, E, W, K): D sweeps of E ensembles of W walkers; D >= 4.
 
-    A constant counts as converged. Draws that are not finite give NaN, which passes no test. Of an odd number of sweeps
-    R-hat leaves out the middle one, which ArviZ would cut in two; of one ensemble it compares quarters, not halves.
+    A constant counts as converged. Draws that are not finite give NaN, which passes no test. With an odd number of
+    sweeps R-hat leaves out the middle one, as ArviZ would; with one ensemble it compares quarters, not halves.
     """
-    from arviz_stats.base import array_stats  # takes a second, for a posterior alone
+    from arviz_stats.base import array_stats  # imported on demand: takes a second
 
     sweeps, ensembles = draws.shape[:2]
     count = float(draws[..., 0].size)
@@ -146,16 +142,13 @@ def diagnose(draws: Array) -> Diagnostics:
     for k in np.flatnonzero(moving).tolist():
         by_walker = draws[..., k].transpose(1, 2, 0).reshape(-1, sweeps)
         by_ensemble = draws[halves, ..., k].swapaxes(0, 1).reshape(max(ensembles, 2), -1)
-        with np.errstate(divide="ignore", invalid="ignore"):  # infinite where no ensemble moves
+        with np.errstate(divide="ignore", invalid="ignore"):  # infinite if no ensemble moves
             rhat[k] = array_stats.rhat(by_ensemble)
         bulk[k] = array_stats.ess(by_walker, method="bulk")
         tail[k] = array_stats.ess(by_walker, method="tail", prob=(0.05, 0.95))
-    return Diagnostics(rhat, np.minimum(bulk, count), np.minimum(tail, count))  # of few sweeps, estimates exceed it
+    return Diagnostics(rhat, np.minimum(bulk, count), np.minimum(tail, count))  # estimates exceed it for few sweeps
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Draws
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Draws:
     """Draws of E ensembles of W walkers."""
@@ -165,34 +158,34 @@ class Draws:
     beta: Array  #: (D, E, W, r) coefficients
     log_density: Array  #: (D, E, W) of the target, not normalised
     diagnostics: Diagnostics  #: of the r coefficients, the n noise scales and the log density, in this order
-    #: of the P parameters: where data decide little they mix slowest, and no run waits for them
+    #: of the P parameters; the run does not wait for them, as they mix slowly without data
     parameters: Diagnostics
-    converged: bool  #: whether every R-hat and effective sample size of `diagnostics` is as wanted
-    seconds: float  #: on the clock
+    converged: bool  #: whether every R-hat and effective sample size of `diagnostics` meets the options
+    seconds: float  #: wall-clock time
     spent: float = 0.0  #: nominal seconds of the budget
     timed_out: bool = False  #: whether the time limit ended the run before it converged
 
     @property
     def sweeps(self) -> int:
-        """D."""
+        """Number of sweeps D."""
         return len(self.theta)
 
     @cached_property
     def coordinates(self) -> Array:
-        """(D E W, P + n) all draws in one list."""
+        """(D E W, P + n) all draws in one array."""
         joined = np.concatenate([self.theta, self.log_scale], axis=-1)
         return joined.reshape(-1, joined.shape[-1])
 
     def spread(self, count: int) -> Array:
-        """(K, P + n) coordinates of at most `count` different draws: all sweeps, ensembles and walkers alike.
+        """(K, P + n) coordinates of at most `count` different draws, evenly from all sweeps, ensembles and walkers.
 
-        A constant stride through the list would fall into step with the walkers, and take the draws of very few. The
-        golden section's multiples spread evenly, however many they are (Knuth, TAOCP 3, 6.4).
+        A constant stride would be in step with the walkers and take few of them. Multiples of the golden section are
+        evenly spread for any number (Knuth, TAOCP 3, 6.4).
         """
         return self.coordinates[self.places(count)]
 
     def places(self, count: int) -> Integers:
-        """(K,) where these stand in a list of all draws."""
+        """(K,) indices of these draws among all."""
         chains = int(np.prod(self.log_density.shape[1:]))
         stride = round(0.5 * (5.0**0.5 - 1.0) * chains)
         while math.gcd(stride, chains) != 1:
@@ -202,33 +195,30 @@ class Draws:
         return places
 
     def kept_sweeps(self, most: int) -> tuple[int, Integers]:
-        """The step and the sweeps kept, the last one among them, so that at most so many draws are; even steps."""
+        """Step and indices of the kept sweeps, the last one included, for at most `most` draws."""
         chains = int(np.prod(self.log_density.shape[1:]))
         every = -(-self.sweeps // max(1, most // chains))
         return every, np.arange((self.sweeps - 1) % every, self.sweeps, every)
 
     def kept_coefficients(self) -> Array:
-        """(E, D W, r) coefficients of the draws that posterior.nc keeps, in the order of time, as traces want it.
+        """(E, D W, r) coefficients of the draws stored in posterior.nc, in the order of time, for trace plots.
 
-        All walkers of the first sweep come first, then those of the second; the file holds them walker by walker.
+        All walkers of the first sweep come first, then those of the second; the file stores them walker by walker.
         """
         _, kept = self.kept_sweeps(TUNING.kept_draws)
         beta = np.moveaxis(self.beta[kept], 1, 0)
         return np.ascontiguousarray(beta).reshape(beta.shape[0], -1, beta.shape[3])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Sampling
-# ---------------------------------------------------------------------------------------------------------------
 class _Walkers(NamedTuple):
-    """Walkers (W, P + n) of half of the ensembles, and random numbers of their own."""
+    """Walkers (W, P + n) of half of the ensembles, and their random state."""
 
     coordinates: Array
     random: RandomState
 
 
 class _Stretch(NamedTuple):
-    """Sweeps of half of the ensembles: coordinates (D, W, P + n), log densities (D, W), and where they end."""
+    """Sweeps of half of the ensembles: coordinates (D, W, P + n), log densities (D, W), and the last state."""
 
     chain: Array
     log_density: Array
@@ -238,14 +228,14 @@ class _Stretch(NamedTuple):
 def sample(
     target: Target, theta: Array, sampling: Sampling = Sampling(), steps: Steps = no_steps, leave: float = 0.0
 ) -> Draws:
-    """Samples until the diagnostics are as wanted, the budget or the time limit ends, or `max_sweeps` are done.
+    """Samples until the diagnostics pass, the budget or the time limit ends, or `max_sweeps` are done.
 
     Args:
         target: the posterior of a branch.
-        theta: (P,) the branch's optimum; it decides where the walkers start.
-        sampling: with how many walkers, how long, how well.
-        steps: called as steps(sweeps done, sweeps expected); to look at them counts as one more.
-        leave: nominal seconds of the budget to leave for what comes after.
+        theta: (P,) the branch's optimum, where the walkers start.
+        sampling: options.
+        steps: called as steps(sweeps done, sweeps expected); the diagnostics count as one more sweep.
+        leave: nominal seconds of the budget that later stages need.
     """
     clock = _Clock(sampling, nominal_sweep(target, sampling.ensembles * sampling.walkers), leave)
     moves, halves = _warmed_up(target, theta, sampling, clock)
@@ -258,7 +248,7 @@ def sample(
             halves, sweeps = [stretch.end for stretch in drawn[-1]], sweeps + count
             clock.swept(count)
             steps(sweeps, next_check + 1)
-        # what takes long to converge takes long to forget where it began: it is left out besides the warm-up
+        # slow convergence means a long memory of the start, so more sweeps are dropped
         early = max(0, math.ceil(TUNING.early * (sampling.warm_up + sweeps)) - sampling.warm_up)
         shape = (-1, sampling.ensembles, sampling.walkers)
         chain = np.concatenate([np.concatenate([half.chain for half in both], axis=1) for both in drawn])[early:]
@@ -266,7 +256,7 @@ def sample(
         theta, log_scale = target.split(chain.reshape(*shape, chain.shape[-1]))
         beta, log_density = theta @ target.likelihood.projection.T, density[early:].reshape(shape)
         diagnostics = diagnose(np.concatenate([beta, log_scale, log_density[..., None]], axis=-1))
-        enough = sweeps >= sampling.first_check  # fewer sweeps can look like anything
+        enough = sweeps >= sampling.first_check  # fewer sweeps give unreliable diagnostics
         converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
         if converged or clock.timed_out or sweeps >= clock.allowed:
             return Draws(
@@ -285,10 +275,10 @@ def sample(
 
 
 def nominal_sweep(target: Target, walkers: int) -> float:
-    """Nominal seconds of a sweep: of P lines that are cut by the cone, and of a sign for each of S blocks.
+    """Nominal seconds of a sweep: P lines cut by the cone, and a sign for each of S blocks.
 
-    Prices are set by hand from logs of a UR10e, a TX40 and a Panda. Other machines differ, which changes how long a
-    budget takes and never what it gives.
+    Prices were fitted by hand on logs of a UR10e, a TX40 and a Panda. On other machines a budget takes another time,
+    but gives the same result.
     """
     parameters, (blocks, coefficients) = target.n_parameters, target.likelihood.gradient.shape
     noises = target.likelihood.n_joints + 1
@@ -298,7 +288,7 @@ def nominal_sweep(target: Target, walkers: int) -> float:
 
 
 class _Clock:
-    """The sweeps after the warm-up that the budget and `max_sweeps` allow, and the time limit on the clock."""
+    """Counts sweeps after the warm-up against the budget, `max_sweeps` and the wall-clock limit."""
 
     def __init__(self, sampling: Sampling, sweep: float, leave: float) -> None:
         began_with = TUNING.hot_sweeps + sampling.warm_up
@@ -313,7 +303,7 @@ class _Clock:
 
     @property
     def spent(self) -> float:
-        """Nominal seconds of the sweeps made, warm-up and diagnostics included."""
+        """Nominal seconds of the sweeps made, with warm-up and diagnostics."""
         return (1.0 + TUNING.diagnostics_work) * self._sweep * self._done
 
     def swept(self, sweeps: int) -> None:
@@ -322,7 +312,7 @@ class _Clock:
 
 
 def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) -> tuple[InTurn, list[_Walkers]]:
-    """Moves, and the walkers after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
+    """Moves, and the walkers after the warm-up; halfway the lines are chosen again for the walkers' noise scales."""
     centre = target.centre(theta, np.zeros(target.likelihood.n_joints))
     first = sampling.ensembles // 2
     walkers = [sampling.walkers * count for count in (sampling.ensembles - first, first) if count]
@@ -356,7 +346,7 @@ def _move(moves: InTurn, walkers: _Walkers, sweeps: int) -> _Walkers:
 
 
 def _draw(target: Target, moves: InTurn, walkers: _Walkers, sweeps: int) -> _Stretch:
-    import emcee  # here, for it takes a third of a second that a result without posterior should not wait
+    import emcee  # imported on demand: takes a third of a second
 
     sampler = emcee.EnsembleSampler(
         len(walkers.coordinates), target.dimension, target.log_density, moves=moves, vectorize=True

@@ -1,22 +1,22 @@
-"""What is sampled: prior times likelihood over coordinates (theta, u), times the information of an earlier log.
+"""The sampled density: prior times likelihood over coordinates (theta, u), times the information of an earlier log.
 
 That information is a normal distribution of the coefficients beta = B theta, exp(-(beta' H beta - 2 g' beta + c) / 2).
-Its noise is settled: it does not go with the scales u of the new log's.
+Its noise is fixed and does not scale with u of the new log.
 
-The prior is proper, physical, and wide where nothing is stated.
-
-Parameters theta and logarithms u of the noise scales are independent before the data, :eq:`prior`::
+The prior is proper, physical, and wide without stated values. Parameters theta and logarithms u of the noise scales are
+independent, :eq:`prior`::
 
     p(theta) ~ prod_p exp(-((theta_p - mean_p) / sd_p)^2 / 2)  inside the region,   u_j ~ N(0, log_scale_sd^2).
 
-- The region is the cone (pseudo-inertias positive definite, friction and rotor inertia nonnegative), cut by what is
-  stated (`bayesid.effects.constraints`) and by windows: each body's radius of gyration about its frame,
+- The region is the cone (pseudo-inertias positive definite, friction and rotor inertia nonnegative), cut by stated
+  constraints (`bayesid.effects.constraints`) and by windows: each body's radius of gyration about its frame,
   tr(Sigma) <= R^2 m, and the mass of all bodies together.
 - A body's ten parameters are centred on a typical link, with sd M for the mass, M R for first moments, M R^2 for
-  inertias, for M and R of `LinkPrior`. Where CAD values are known, they and their sd take the place of these.
-- A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero; its sd is the size at which
-  it would by itself explain the effort of its joints: it cannot well be larger. Where the log does not show it but an
-  earlier one did, it is the size that explains that one's effort, and 1 is the least.
+  inertias, for M and R of `LinkPrior`. Stated values and their sd replace these.
+- A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero. Its sd is the size at which
+it
+  alone would explain the effort of its joints. If only an earlier log shows it, that log's effort counts; otherwise the
+  sd is 1.
 """
 
 from __future__ import annotations
@@ -44,44 +44,44 @@ from bayesid.regression.stated import no_room
 from bayesid.robot import Robot
 
 _SHOWS = 1e-9
-"""Share of a parameter's curvature from which it counts as showing in a joint; less is rounding."""
+"""Share of a parameter's curvature in a joint below which it is rounding."""
 _VISIBLE = 1e-12
-"""Share of the largest curvature from which the log shows a parameter at all; less is rounding."""
+"""Share of the largest curvature below which the log does not show a parameter."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A bound on what the cone leaves open: a quantity of the P parameters, of which 0 to 1 lies inside."""
+    """A bound beyond the cone: a ratio of linear functions of the P parameters, which lies between 0 and 1 inside."""
 
-    name: str  #: of the quantity, in words
+    name: str  #: of the ratio, in words
     part: Array  #: (P,) row of its numerator
     constant: float  #: added to the numerator
     whole: Array  #: (P,) row of its denominator, which is positive inside the cone
     bound: float  #: added to the denominator
 
     def share(self, theta: Array) -> Array:
-        """(...) of theta (..., P): from 0, far inside, to 1, on the edge."""
+        """(...) the ratio at theta (..., P): from 0, far inside, to 1, on the edge."""
         share: Array = (theta @ self.part + self.constant) / (theta @ self.whole + self.bound)
         return share
 
     def slack(self, theta: Array) -> Array:
-        """(...) of theta (..., P): positive inside, 0 on the edge."""
+        """(...) slack at theta (..., P): positive inside, 0 on the edge."""
         slack: Array = theta @ (self.whole - self.part) + self.bound - self.constant
         return slack
 
 
 @dataclass(frozen=True)
 class TruncatedGaussian:
-    """A normal distribution inside a region, and one of the noise scales."""
+    """A normal distribution inside a region, and the prior of the noise scales."""
 
     region: FeasibleSet  #: of the P parameters
     mean: Array  #: (P,)
     sd: Array  #: (P,)
     log_scale_sd: Array  #: (n,) sd of the logarithm of each joint's noise over the reference one
-    inside: Array  #: (P,) some point well inside the region
-    windows: tuple[Bound, ...] = ()  #: that cut the cone; they are in the region
-    stated: Constraints | None = None  #: on all parameters, in the region too
-    unstated: FeasibleSet | None = None  #: the region without what is stated; None where nothing is
+    inside: Array  #: a point well inside the region
+    windows: tuple[Bound, ...] = ()  #: bounds that cut the cone; part of the region
+    stated: Constraints | None = None  #: stated constraints, part of the region
+    unstated: FeasibleSet | None = None  #: the region without stated constraints; None without any
 
     @cached_property
     def precision(self) -> Array:
@@ -89,10 +89,10 @@ class TruncatedGaussian:
         return 1.0 / self.sd**2
 
     def within(self, cone: Cone) -> TruncatedGaussian:
-        """The same prior inside what is stated beside its cone; a window that leaves no room for that gives way.
+        """The same prior with the stated constraints of a cone; windows that contradict them are dropped.
 
         Raises:
-            InputError: what is stated leaves no room by itself.
+            InputError: the constraints contradict each other.
         """
         windows, inside = _within_stated(cone, self.windows, self.inside, self.sd)
         rows = _half_spaces(windows, cone.size)
@@ -107,7 +107,7 @@ class TruncatedGaussian:
         )
 
     def log_density(self, theta: Array, log_scale: Array) -> Array:
-        """(W,) of theta (W, P) and log_scale (W, n), not normalised; -inf outside of the region."""
+        """(W,) log density at theta (W, P) and log_scale (W, n), not normalised; -inf outside of the region."""
         square = np.sum(((theta - self.mean) / self.sd) ** 2, axis=1) + np.sum(
             (log_scale / self.log_scale_sd) ** 2, axis=1
         )
@@ -121,10 +121,10 @@ def make_prior(
     nominal: NominalParameters | None = None,
     information: InformationMatrix | None = None,
 ) -> TruncatedGaussian:
-    """The stated prior for the P parameters of a model.
+    """The prior of a model's P parameters.
 
-    The likelihood's H_j and c_j set the sizes of friction, rotor inertia and offsets. The information of an earlier
-    log, which is no part of the prior, sets those of what this log does not show.
+    The likelihood's H_j and c_j set the sizes of friction, rotor inertia and offsets. For parameters that this log does
+    not show, the information of an earlier log does, although it is no part of the prior.
     """
     mean, sd = np.zeros(cone.size), _sizes(likelihood, information)
     for body in cone.bodies:
@@ -146,23 +146,23 @@ def _half_spaces(windows: Sequence[Bound], size: int) -> tuple[Array, Array]:
 
 
 def _within_stated(cone: Cone, windows: tuple[Bound, ...], near: Array, sd: Array) -> tuple[tuple[Bound, ...], Array]:
-    """The windows that leave room for what is stated, and a point deep inside of all: what is stated counts for more.
+    """The windows that are compatible with the stated constraints, and a point deep inside all of them.
 
     Raises:
-        InputError: what is stated leaves no room by itself.
+        InputError: the constraints contradict each other.
     """
     while True:
         found = deepest_point(cone, near, sd, *_half_spaces(windows, cone.size), [window.name for window in windows])
         if found.inside:
             return windows, found.theta
-        left = tuple(window for window in windows if window.name not in found.labels)
-        if len(left) == len(windows):
+        compatible = tuple(window for window in windows if window.name not in found.labels)
+        if len(compatible) == len(windows):
             raise no_room(found.labels)
-        windows = left
+        windows = compatible
 
 
 def _inner_point(cone: Cone, links: LinkPrior, sd: Array) -> Array:
-    """(P,) typical links, in the middle of the window of the total mass if they would not lie in it; friction > 0."""
+    """(P,) typical links, scaled into the middle of the total mass window if outside of it; friction > 0."""
     point = np.zeros(cone.size)
     point[cone.nonnegative] = sd[cone.nonnegative]
     least, most = links.total_mass
@@ -174,7 +174,7 @@ def _inner_point(cone: Cone, links: LinkPrior, sd: Array) -> Array:
 
 
 def _sizes(likelihood: Likelihood, information: InformationMatrix | None) -> Array:
-    """(P,) the size of each parameter that would alone explain the effort of the joints in which it shows."""
+    """(P,) size at which each parameter alone would explain the effort of the joints that show it."""
     by_joint = np.einsum("rp,jrs,sp->jp", likelihood.projection, likelihood.hessian, likelihood.projection)
     curvature = by_joint.sum(axis=0)
     energy = likelihood.energy @ (by_joint > _SHOWS * curvature)
@@ -213,25 +213,23 @@ def usual_links(
     *,
     reach: float | None = None,
 ) -> LinkPrior:
-    """The scales of a robot's links; the default of `LinkPrior` for what neither its lengths nor its efforts show.
+    """The scales of a robot's links; defaults of `LinkPrior` where neither lengths nor efforts determine them.
 
-    Lengths are the arm's: a link's mass lies within a quarter of the stretched arm of its frame, give or take. The mass
-    is the one whose efforts are those of the log: under the prior N(mu, D^2) of the links alone, for masses of 1 kg,
-    the efforts of the log's motion have the expected energy tr(D B' H B D) + mu' B' H B mu. It grows with the square of
-    the mass, and so :eq:`link-mass`::
+    The distance scale is a quarter of the stretched arm, or `reach` (m) if stated. The mass scale explains the log's
+    efforts. Under the prior N(mu, D^2) of the links alone, for masses of 1 kg, the log's motion has the expected energy
+    tr(D B' H B D) + mu' B' H B mu. It grows with the square of the mass, and so :eq:`link-mass`::
 
         mass = 3 sqrt(c / (tr(D B' H B D) + mu' B' H B mu)),
 
-    with H and c of all joints, in N m: gravity's torques over lengths and, where there is no gravity, those of the
-    accelerations. Friction is in c too, so that the prior is rather wider than narrower. Scale a robot's masses,
-    lengths and efforts, and its prior scales with them. The moments of the log are not scaled, in N m and N. A `reach`
-    (m) that is stated takes the place of the arm's.
+    with H and c of all joints, in N m: from gravity, or without gravity from the accelerations. Friction is included in
+    c, which makes the prior wider. The prior scales with the robot's masses, lengths and efforts. The normal equations
+    are not scaled, in N m and N.
     """
     sliding = np.array([joint.prismatic for joint in robot.joints])
     span = robot.stretched + float(np.ptp(motion.q, axis=0)[sliding].sum())
     reach = TUNING.link_reach * span if reach is None and span > 0.0 else reach
     usual = LinkPrior() if reach is None else LinkPrior(reach=reach)
-    arm = np.where(sliding, usual.reach, 1.0)  # by which the force of a sliding joint is a torque
+    arm = np.where(sliding, usual.reach, 1.0)  # lever arm that turns the force of a sliding joint into a torque
     scaled = normal_equations.scaled(1.0 / arm)
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
     sd, mean = np.zeros(cone.size), np.zeros(cone.size)
@@ -265,7 +263,7 @@ class Target:
         return self.n_parameters + self.likelihood.n_joints
 
     def split(self, coordinates: Array) -> tuple[Array, Array]:
-        """Parameters theta (..., P) and u (..., n) of coordinates (..., P + n)."""
+        """Parameters theta (..., P) and u (..., n) from coordinates (..., P + n)."""
         return coordinates[..., : self.n_parameters], coordinates[..., self.n_parameters :]
 
     def log_density(self, coordinates: Array) -> Array:
@@ -285,9 +283,9 @@ class Target:
     ) -> tuple[Array, Array]:
         """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const (:eq:`posterior-precision`).
 
-        Given noise scales u (n,) and the signs that theta (P,) predicts for the unknown segments. With a covariance
-        (r, r) by which the coefficients are less certain, for the model may lack something, the likelihood is as much
-        wider: H becomes (H^-1 + L L')^-1 = H - H L (1 + L' H L)^-1 L' H (Woodbury), its centre stays.
+        Noise scales u (n,) are given, and unknown segments have the signs that theta (P,) predicts. A covariance (r, r)
+        of model error widens the likelihood: H becomes (H^-1 + L L')^-1 = H - H L (1 + L' H L)^-1 L' H (Woodbury), with
+        the same centre.
         """
         likelihood, prior = self.likelihood, self.prior
         scale = log_scale[None]
@@ -309,26 +307,26 @@ class Target:
         """The region's centre for the same signs and noise scales; theta need not be feasible.
 
         Raises:
-            LinAlgError: the Hessian is singular but for rounding.
+            LinAlgError: the Hessian is numerically singular.
         """
         return barrier_minimum(self.prior.region, *self.quadratic(theta, log_scale), self.prior.inside)
 
 
 @dataclass(frozen=True)
 class PosteriorProblem:
-    """All that decides a posterior but the signs."""
+    """All inputs of a posterior except the signs."""
 
-    blocks: SegmentBlocks  #: of S segments, efforts in expected signs relative to their segment's
+    blocks: SegmentBlocks  #: of S segments, with efforts in expected signs relative to their segment's
     coefficients: BaseCoefficients  #: the r base coefficients
     cone: Cone  #: of the P parameters
     noise: Noise  #: of the efforts; the reference of the noise scales
-    links: LinkPrior  #: what is believed of any link
-    nominal: NominalParameters | None = None  #: what is stated of the parameters
-    #: of the r coefficients, from an earlier log; its c says what effort it explains: sizes are judged by it
+    links: LinkPrior  #: prior of any link
+    nominal: NominalParameters | None = None  #: stated parameters
+    #: of the r coefficients, from an earlier log; its c is the effort that it explains, which sets sizes
     information: InformationMatrix | None = None
 
     def with_least_noise(self) -> PosteriorProblem:
-        """The same problem with a thousandth of each effort added to its noise, and to what the residual shows."""
+        """The same problem with 0.1 % of each effort added to its noise and its residual."""
         floor = TUNING.least_noise * self.normal_equations.rms_effort(len(self.noise.sigma))
         noise = self.noise.scaled(np.hypot(self.noise.sigma, floor) / self.noise.sigma)
         energy = (1.0 + TUNING.least_noise**2) * self.blocks.normal_equations.energy
@@ -340,12 +338,12 @@ class PosteriorProblem:
 
     @cached_property
     def normal_equations(self) -> NormalEquations:
-        """Of the segments, not scaled."""
+        """Normal equations of the segments, not scaled."""
         return self.blocks.of_segments
 
     @cached_property
     def target(self) -> Target:
-        """What is sampled: all signs summed out that are not known."""
+        """The density with all unknown signs summed out."""
         unknown = np.zeros(len(self.normal_equations), dtype=np.int64)
         likelihood = make_likelihood(
             self.normal_equations, self.coefficients, self.noise.sigma, self.noise.autocorrelation, unknown
@@ -355,12 +353,12 @@ class PosteriorProblem:
 
     @cached_property
     def scaled_moments(self) -> NormalEquations:
-        """In units of the reference noise."""
+        """Normal equations in units of the reference noise."""
         return self.normal_equations.scaled(self.noise.sigma * np.sqrt(self.noise.autocorrelation))
 
     @cached_property
     def solver(self) -> ConeLeastSquares:
-        """For the scaled moments and the information, added."""
+        """Solver for the sum of the scaled normal equations and the information."""
         hessian, energy = self.scaled_moments.hessian.total(), float(self.scaled_moments.energy.sum())
         if self.information is not None:
             hessian, energy = hessian + self.information.hessian, energy + self.information.energy

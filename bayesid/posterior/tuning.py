@@ -1,4 +1,4 @@
-"""Numbers of the posterior that are choices."""
+"""Constants of the posterior."""
 
 from __future__ import annotations
 
@@ -7,132 +7,129 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Sizes, shares and thresholds of sampling, of modes, and of what is kept of the draws.
+    """Sizes, shares and thresholds of sampling, modes and stored draws.
 
-    Many of them were halved and doubled (`python -m bayesid.studies.ablation posterior`). Where that was seen to
-    change a decision on the demo and UR10e's log, the number's sentence says so.
+    "Ablation" means `python -m bayesid.studies.ablation posterior`: each value was halved and doubled on the demo and a
+    UR10e log. A field mentions it only if a decision changed.
     """
 
     # prior
     log_scale_sd: float = 0.5
-    """Sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Set by hand,
-    wide beside what a log leaves, 1 / sqrt(2 n_j)."""
+    """Prior sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Chosen by
+    hand; a log determines it to 1 / sqrt(2 n_j)."""
     least_noise: float = 1e-3
-    """Noise that no effort is free of, as a share of its RMS."""
+    """Least noise of an effort, over its RMS."""
     link_reach: float = 0.25
-    """Scale of a link's distances over the stretched arm: most of its length is two or three links. Halved or doubled,
-    samples of the demo get other signs."""
+    """Scale of a link's distances over the stretched arm, which is mostly two or three links. Ablation: signs of the
+    demo change."""
     link_mass: float = 3.0
-    """Scale of a link's mass over the mass that would make the log's efforts: the typical link has 0.3 of the scale."""
+    """Scale of a link's mass over the mass that explains the log's efforts; the typical link has 0.3 of the scale."""
 
     # modes
     most_branches: int = 32
-    """Assignments of the search's list, cheapest first, that are followed to their centres."""
+    """Listed assignments, cheapest first, from which modes are searched."""
     most_modes: int = 6
-    """Modes that are sampled: each takes its share of the budget."""
+    """Largest number of sampled modes; each takes its share of the budget."""
     mode_depth: float = 10.0
-    """Nats below the best mode's centre under which a mode does not matter: exp(-10) is 5e-5."""
+    """Nats below the best mode's centre under which a mode is dropped: exp(-10) is 5e-5."""
     hopeless: float = 50.0
-    """Nats by which a start's best fit may lie below the best one of all: five times `mode_depth`, as centres inside
-    the region may differ less."""
+    """Nats below the best start's fit under which a start is dropped: five times `mode_depth`, as centres inside the
+    region may differ less."""
     valley: float = 3.0
-    """Nats that a valley between two modes is deep, at least: walkers cross one of exp(-3) = 5 % of the density."""
+    """Least depth of a valley between two modes, nats; walkers cross one of exp(-3) = 5 % of the density."""
     valley_steps: int = 12
-    """Into which the straight way between two modes is divided to look for the valley."""
+    """Points on the straight line between two modes where the density is evaluated."""
     sign_rounds: int = 4
-    """In which signs and parameters are made to agree; more change little."""
+    """Alternations of signs and parameters at a start; more change little."""
     negligible_mode: float = 1e-3
-    """A mode of less weight leaves no draws: of the 4096 that posterior.nc keeps, four."""
+    """Least weight of a mode with stored draws: four of the 4096 in posterior.nc."""
 
     # start of the walkers
     hot: float = 4.0
-    """Temperature at which walkers are spread: twice the posterior's sd, as R-hat wants it (Gelman and Rubin 1992)."""
+    """Temperature at which walkers start: twice the posterior's sd, as R-hat needs (Gelman and Rubin 1992)."""
     hot_sweeps: int = 3
     """Sweeps at that temperature."""
     reach: float = 0.9
-    """Of the ellipsoid's radius, in which walkers begin: short of 1, for rounding."""
+    """Share of the ellipsoid's radius in which walkers start; below 1 because of rounding."""
 
     # sampling
     fewest_sweeps: int = 8
-    """Sweeps that are kept however little time remains: R-hat of split chains is defined from four on (ArviZ)."""
+    """Least number of kept sweeps, whatever the budget; R-hat of split chains needs four (ArviZ)."""
     early: float = 0.25
-    """Share of all sweeps, the warm-up among them, that is left out at least: half of what Gelman and Rubin (1992)
-    leave out of chains whose warm-up is no part of them, and R-hat still compares early with late."""
+    """Least share of all sweeps, warm-up included, that is dropped: half of that of Gelman and Rubin (1992), whose
+    chains have no separate warm-up. R-hat still compares early with late sweeps."""
     growth: float = 1.5
-    """The run grows by this factor between checks of its diagnostics: at most a third of it is more than was needed."""
+    """Factor between checks of the diagnostics; at most a third of a run is more than needed."""
     sweeps_at_once: int = 8
-    """Sweeps after which the clock is looked at, and progress told."""
+    """Sweeps between checks of the clock and reports of progress."""
     idle: float = 0.05
-    """Share of the walkers that may stay on a line: the last few take as many tries as all others."""
+    """Share of the walkers that may stay on a line; the last ones need as many tries as all others."""
     most_tries: int = 200
-    """A bracket that has shrunk this often is a point; the walker stays."""
+    """Tries after which a bracket counts as a point and the walker stays."""
     line_seconds: float = 2e-4
     """Nominal seconds of a line."""
     entry_seconds: float = 1.5e-9
-    """Nominal seconds of an entry of the curvature, a walker."""
+    """Nominal seconds of an entry of the curvature, for each walker."""
     product_seconds: float = 1.5e-9
-    """Nominal seconds of a block's product with a coefficient, a walker."""
+    """Nominal seconds of the product of a block with a coefficient, for each walker."""
     diagnostics_work: float = 0.2
-    """Work of the diagnostics, over that of the sweeps: 0.1 to 0.2 for arms of six and seven joints."""
+    """Work of the diagnostics over that of the sweeps: 0.1 to 0.2 for arms of six and seven joints."""
     mass_sweeps: float = 40.0
-    """Sweeps that take as long as a mode's mass: 30 to 70 for arms of six and seven joints."""
+    """Work of a mode's mass, in sweeps: 30 to 70 for arms of six and seven joints."""
 
-    # what draws say
+    # use of the draws
     few_draws: int = 256
-    """Draws that stand for all where each costs time: as many as walkers by default."""
+    """Draws for expensive computations: as many as walkers by default."""
     sign_draws: int = 1024
-    """Draws from which probabilities of signs are averaged, to a Monte Carlo error below 0.5 / sqrt(1024) = 0.016."""
+    """Draws for probabilities of signs; Monte Carlo error below 0.5 / sqrt(1024) = 0.016."""
     kept_draws: int = 4096
-    """Draws that are kept, in all; a round number: quantiles of 2.5 % then rest on a hundred draws, and the pointwise
-    likelihood of a thousand blocks takes 16 MB."""
+    """Stored draws: about a hundred below a quantile of 2.5 %; the pointwise likelihood of 1000 blocks takes 16 MB."""
     of_prior: float = 0.1
-    """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its
-    precision are then theirs. A round number; docs/posterior.md, section 3, states it."""
+    """Largest posterior over prior variance of a parameter that the data decide: 90 % of its precision is theirs. A
+    convention, stated in docs/posterior.md, section 3."""
     of_unconstrained: float = 0.5
-    """Share of what prior and data leave of a variance that constraints leave at most where they decide: less than what
-    the rest decides is theirs."""
+    """Largest ratio of a variance with and without constraints for which the constraints decide."""
     wider_warm_up: int = 12
-    """Sweeps in which draws forget the narrower likelihood: as many as a run's warm-up."""
+    """Sweeps in which draws forget the narrower likelihood; equal to the warm-up."""
     wider_sweeps: int = 24
-    """Sweeps that are kept of the wider one: as many as a run's first look wants."""
+    """Kept sweeps of the wider likelihood; equal to those before the first check."""
     from_zero: float = 1.02
-    """Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among
-    draws."""
+    """Length of an interval from zero over the shortest one below which it is used; the shortest one is uncertain."""
     near_edge: float = 0.9
-    """Share of a window from which on a draw is near its edge: in its last tenth."""
+    """Share of a window above which a draw is near its edge: the last tenth."""
     active_bounds: float = 0.2
-    """Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
-    1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
+    """Share of such draws above which a window is active. A density proportional to the share has 1 - 0.9^2 = 0.19; on
+    the logs of study `real` it is at most 0.09."""
 
     at_edge: float = 0.1
-    """Standard deviations of its slack from a constraint's edge, within which a draw is at the edge: a share of draws
-    over this is the density there, in units of the standard deviation."""
+    """Distance from a constraint's edge, in sd of its slack, of a draw at the edge. The share of draws over it is the
+    density at the edge, in units of 1 / sd."""
     presses: float = 0.02
-    """Share of such draws from which on draws press against a constraint: a normal distribution that is cut one
-    standard deviation from its mean, by which it loses a sixth of its mass, has 0.024."""
+    """Share of draws at the edge above which a constraint is active. A normal distribution cut one sd from its mean,
+    which removes a sixth of its mass, has 0.024."""
 
     # blocks
     block_length: float = 8.0
-    """Autocorrelation times that a block lasts at least, so that neighbours say little of each other. On six real logs
-    1 to 7 % of the blocks then have a Pareto k above 0.7, of segments 5 to 30 % (docs/posterior.md, section 7)."""
+    """Least length of a block in autocorrelation times, so that blocks are nearly independent. On six real logs 1 to 7
+    % of the blocks then have a Pareto k above 0.7, of segments 5 to 30 % (docs/posterior.md, section 7)."""
     most_blocks: int = 64
-    """Blocks of a joint, but for those that are shorter because their segment is: each then holds a few hundredths of
-    what a log says, whatever its length, and posterior.nc stays small."""
+    """Largest number of blocks of a joint, short segments apart. Each block then has a few per cent of the log's
+    information, and posterior.nc stays small."""
     agreed: float = 1e-3
-    """Nats that a draw may leave to the other sign of a segment on which draws agree: what summing it out would add to
-    the segment's likelihood, and ArviZ's summaries have two digits."""
+    """Largest likelihood share of the other sign, nats, with which a draw counts as agreeing; ArviZ's summaries have
+    two digits."""
 
     # mass of a mode
     mass_groups: int = 8
-    """Groups of walkers whose spread gives the standard error of a mode's mass."""
+    """Groups of walkers whose spread is the standard error of a mode's mass."""
     mass_walkers: int = 64
     """Walkers in each group."""
     mass_share: float = 0.3
-    """Share of these walkers that stays at a level of the splitting."""
+    """Share of these walkers that survives a level of the splitting."""
     level_sweeps: int = 3
     """Sweeps of hit-and-run at each level."""
     mass_steps: int = 3
-    """Steps from the first normal distribution to the second."""
+    """Intermediate distributions between the first and the second normal one."""
     step_sweeps: int = 8
     """Sweeps of hit-and-run at each step."""
 

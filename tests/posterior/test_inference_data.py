@@ -26,7 +26,7 @@ THETA = np.array([1.0, -0.6, 0.8, 0.3, -0.2])
 
 
 class Problem:
-    """A log of 24 segments in three joints, three of known sign, and all that comes of it."""
+    """A log of 24 segments in three joints, three of known sign, and its posterior."""
 
     def __init__(self, own=None, fixed=()):
         rows, known = np.random.default_rng(5).integers(20, 60, 24), np.isin(np.arange(24), (3, 9, 11))
@@ -45,7 +45,7 @@ class Problem:
         self.labels = Labels(coefficients, parameters, JOINTS, np.concatenate(time))
 
     def draws(self, sweeps=40, ensembles=4, walkers=8, seed=0):
-        """From the normal approximation at the truth, which is the posterior to within a little."""
+        """From the normal approximation at the truth, which is close to the posterior."""
         rng = np.random.default_rng(seed)
         precision, pull = self.target.quadratic(THETA, np.zeros(3))
         factor = np.linalg.cholesky(np.linalg.inv(precision))
@@ -98,7 +98,7 @@ def test_groups_dimensions_and_names(data):
     assert constant.parameter_unit.values.tolist() == ["kg"] * 5
 
 
-def test_what_an_earlier_log_has_told_is_kept(tmp_path):
+def test_information_of_an_earlier_log_is_stored(tmp_path):
     problem = Problem()
     root = np.array([[2.0, 0.3, 0.0], [0.0, 1.0, -0.7]])
     known = InformationMatrix(root.T @ root, np.array([0.4, -1.0, 0.2]), 3.5)
@@ -195,7 +195,7 @@ def test_pointwise_is_the_density_of_the_rows(own, rng):
     assert np.allclose(terms, wanted, rtol=1e-10, atol=1e-8)
 
 
-def test_a_joint_without_segments_does_no_harm():
+def test_a_joint_without_segments_is_accepted():
     problem, labels = Problem(), Problem().labels
     normal_equations = problem.normal_equations.chosen(np.flatnonzero(problem.normal_equations.joint != 1))
     likelihood = make_likelihood(normal_equations, labels.coefficients, SIGMA, AUTOCORRELATION, np.zeros(16, dtype=int))
@@ -205,7 +205,7 @@ def test_a_joint_without_segments_does_no_harm():
     assert np.isnan(made.constant_data.autocorrelation.values).tolist() == [False, True, False]
 
 
-def test_shared_parts_say_whose_they_are():
+def test_shared_parts_name_their_joint():
     problem = Problem(own=2, fixed=(0,))
     observed = problem.data().observed_data
     assert observed.n_blocks.sum() == 24
@@ -220,7 +220,7 @@ def test_shared_parts_say_whose_they_are():
     assert np.isclose(both.effort_energy, sum(np.sum(problem.effort[k] ** 2) for k in (3, 9)))
 
 
-def test_what_has_no_samples_is_no_observation():
+def test_blocks_without_samples_are_left_out():
     """A segment at the end of a log, of which the filter leaves nothing: `az.loo` of ArviZ 1.x refuses it."""
     problem, last = Problem(), np.arange(24) < 23
     normal_equations = problem.normal_equations
@@ -241,7 +241,7 @@ def test_what_has_no_samples_is_no_observation():
     assert np.isfinite(az.loo(made, pointwise=True).pareto_k).all()
 
 
-def test_blocks_at_the_same_times_are_told_apart():
+def test_blocks_at_equal_times_have_unique_names():
     problem = Problem()
     time = [np.linspace(0.0, 1.0, len(y)) for y in problem.rows]  # of 8 logs, each from zero
     problem.labels = replace(problem.labels, time=np.concatenate(time))
@@ -250,7 +250,7 @@ def test_blocks_at_the_same_times_are_told_apart():
     assert names[:4] == ["A1 0.00-1.00 s", "A2 0.00-1.00 s", "A3 0.00-1.00 s", "A1 0.00-1.00 s (2)"]
 
 
-def test_arviz_makes_of_it_a_summary_and_leaves_one_out(data):
+def test_arviz_summary_and_loo_accept_the_data(data):
     table = az.summary(data, var_names=["beta", "noise"])
     assert list(table.index) == [*(f"beta[{c}]" for c in ("m1", "fv1", "Ia1")), *(f"noise[{j}]" for j in JOINTS)]
     mean, sd, rhat = (table[key].astype(float) for key in ("mean", "sd", "r_hat"))  # ArviZ 1.x rounds to text
@@ -283,7 +283,7 @@ def test_draws_come_back(tmp_path):
             assert read.identical(made[name].to_dataset())
 
 
-def test_no_file_or_another_is_said(tmp_path):
+def test_a_missing_or_foreign_file_is_refused(tmp_path):
     path = tmp_path / "p.nc"
 
     def refused(what, at=path):
@@ -294,14 +294,14 @@ def test_no_file_or_another_is_said(tmp_path):
     refused("no such file", tmp_path)
     for content in (b"", b"time,q1\n0,1\n"):
         path.write_bytes(content)
-        refused("not the netCDF file of a posterior")
+        refused("not a netCDF file of a posterior")
     other = xarray.Dataset({"mu": (("chain", "draw"), np.zeros((2, 10)))})
     write(xarray.DataTree.from_dict({"posterior": other}), path)
-    refused("not the netCDF file of a posterior")
+    refused("not a netCDF file of a posterior")
     pairs = {"theta": ("parameter", ["a", "b", "c"]), "noise": ("joint", ["1", "2"])}
     draws = {name: (("chain", "draw", last), np.zeros((2, 10, len(names)))) for name, (last, names) in pairs.items()}
     write(xarray.DataTree.from_dict({"posterior": xarray.Dataset(draws, dict(pairs.values()))}), path)
-    refused("another program")
+    refused("not written by bayesid")
 
 
 def test_draws_of_another_model_or_not_finite_are_refused(tmp_path):
@@ -316,7 +316,7 @@ def test_draws_of_another_model_or_not_finite_are_refused(tmp_path):
         read_draws(tmp_path / "p.nc")
 
 
-def test_damage_is_said(tmp_path):
+def test_a_damaged_file_is_refused(tmp_path):
     path, rng = tmp_path / "p.nc", np.random.default_rng(2)
     write(Problem().kept(), path)
     whole, wanted = path.read_bytes(), read_draws(path)
@@ -330,7 +330,7 @@ def test_damage_is_said(tmp_path):
             assert all(np.array_equal(a, b) for a, b in zip(read_draws(path), wanted, strict=True))
 
 
-def test_pointwise_of_more_draws_than_are_taken_at_once_is_that_of_each():
+def test_pointwise_in_several_chunks_of_draws():
     problem, rng = Problem(), np.random.default_rng(1)
     theta, log_scale = THETA + rng.standard_normal((30_000, 5)), rng.standard_normal((30_000, 3))
     whole = pointwise(problem.target.likelihood, problem.normal_equations, theta, log_scale)
