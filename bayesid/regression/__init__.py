@@ -1,1 +1,1 @@
-"""Parameters given signs: moments of a log, least squares in the cone, noise, and what is known beforehand."""
+"""Parameters given signs: normal equations of a log, least squares in the cone, noise, and priors."""

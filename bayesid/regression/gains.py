@@ -293,7 +293,6 @@ class _Problem:
 
 
 def _with_projection(coefficients: BaseCoefficients, rows: Array) -> BaseCoefficients:
-    """Coefficients with additional rows, for stated single parameters."""
     more = len(rows) - len(coefficients)
     names = (*coefficients.names, *(f"stated {k}" for k in range(more)))
     return BaseCoefficients(names, names, ("",) * len(names), np.zeros(len(rows), dtype=np.int64), rows)

@@ -180,7 +180,6 @@ def _solve(log_data: LogData, normal_equations: NormalEquations) -> tuple[Soluti
 
 
 def _before_fit(log_data: LogData, sigma: Array, predicted: Array, residual: Noise) -> Noise:
-    """The noise of the efforts, from the noise of the residual."""
     signals, used = log_data.signals, log_data.used
     earlier = 0.0 if log_data.information is None else log_data.information.hessian
     columns = log_data.columns  # a new array, changed in place

@@ -316,7 +316,11 @@ def solve_precisely(
     energy: float,
     min_eigenvalue: float = MARGIN,
 ) -> Solution:
-    """One cone least squares, to the finest tolerance that Clarabel reaches (returned in the solution)."""
+    """One cone least squares, to the finest tolerance that Clarabel reaches (returned in the solution).
+
+    Raises:
+        SolverError: no tolerance is reached.
+    """
     stated = ConeLeastSquares(
         cone, coefficients, hessian, energy, min_eigenvalue, least_tikhonov=TUNING.completing_tikhonov
     )
@@ -349,7 +353,6 @@ def _state_cone(
 
 
 def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:
-    """The upper triangle in column order with all entries stored, zeros included."""
     n = len(matrix)
     columns, rows = np.tril_indices(n)
     starts = np.concatenate([[0], np.cumsum(np.arange(1, n + 1))])

@@ -1,4 +1,4 @@
-"""Blocks: stretches of segments whose likelihoods multiply to the log's, and little enough to be left out."""
+"""Blocks of segments: likelihoods that multiply to the log's, small enough for leave-one-out."""
 
 import warnings
 
@@ -94,7 +94,7 @@ def test_draws_agree_about_strong_segments():
     assert other.tolist() == [0, 0, 0, 0, 1]
 
 
-def test_what_draws_leave_open_stays_whole():
+def test_segments_without_agreement_stay_whole():
     log = Log()
     blocks, likelihood = by_blocks(log.blocks, log.likelihood, *log.draws)
     fixed = likelihood.fixed
@@ -122,7 +122,7 @@ def test_likelihoods_of_blocks_multiply_to_the_segments():
 
 
 @pytest.mark.long
-def test_few_blocks_are_too_much_to_leave_out():
+def test_too_few_blocks_leave_out_whole_segments():
     """Whole segments are: of this log's one in fourteen had a Pareto k above 0.7."""
     log, _ = simulate_log(bayesid.load_robot("kr5"), duration=6.0, rate=60.0, noise=0.05, effects=[], seed=2)
     result = bayesid.identify("kr5", log, ["rigid_body", "coulomb_friction"], complete="off")

@@ -1,4 +1,4 @@
-"""Draws inside constraints against those draws without them that satisfy them; and the mass inside."""
+"""Draws inside constraints against rejection sampling; and the mass inside."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def test_draws_are_those_that_satisfy_the_constraints(form, log):
     assert with_them.log_value - without.log_value == pytest.approx(np.log(inside.mean()), abs=tolerance)
 
 
-def test_a_window_of_the_prior_gives_way_to_what_is_stated(log):
+def test_a_window_that_contradicts_constraints_is_dropped(log):
     model, made, free = log
     names = [parameter.name for parameter in model.parameters]
     stated = constraints_of(lambda p: p.total_mass >= 5000, model).of(names)

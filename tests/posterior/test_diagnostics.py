@@ -1,4 +1,4 @@
-"""Convergence of draws that go wrong in known ways: the same numbers by every ArviZ that is allowed."""
+"""Diagnostics of draws with known faults: equal numbers from every supported ArviZ."""
 
 import arviz
 import numpy as np
@@ -47,7 +47,7 @@ def test_a_constant_has_converged():
     assert alone(np.full((4, 50), 2.5)) == (1.0, 200.0, 200.0)
 
 
-def test_what_is_not_finite_passes_no_test():
+def test_draws_that_are_not_finite_do_not_converge():
     for value in (np.nan, np.inf):
         draws = waves()
         draws[2, 17] = value

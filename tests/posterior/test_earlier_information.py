@@ -33,7 +33,7 @@ def test_an_earlier_log_weighs_two_modes_as_quadrature_weighs_them():
 
 
 @pytest.mark.parametrize(("ratio", "decided"), [(8.0, False), (10.5, True)])
-def test_what_only_an_earlier_log_shows_is_decided_by_data(ratio, decided):
+def test_parameters_shown_by_an_earlier_log_only_are_decided_by_data(ratio, decided):
     log = make_log(
         (0.9, 0.5, -0.8),
         rows=(30, 40, 20),

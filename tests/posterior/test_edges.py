@@ -1,4 +1,4 @@
-"""Which edges hold draws back: shares of draws at them against cut normal distributions, and whose edge it is."""
+"""Active edges: shares of draws at them against truncated normal distributions."""
 
 from types import SimpleNamespace
 
@@ -45,8 +45,8 @@ def test_the_share_at_an_edge_is_that_of_a_cut_normal_whatever_the_unit():
         assert found["far"] == 0.0
 
 
-def test_of_a_cone_the_distance_counts_in_which_it_ends():
-    """|m1| <= 2 - m2 as a matrix, of m1 near zero and m2 that ends there or does not."""
+def test_the_distance_to_a_cone_is_along_its_boundary_normal():
+    """|m1| <= 2 - m2 as a matrix, with m1 near zero and m2 near or far from its end."""
     rng = np.random.default_rng(4)
     basis = np.zeros((1, 2, 4, 4))
     basis[0, 0, 0, 3] = basis[0, 0, 3, 0] = 1.0
@@ -61,7 +61,7 @@ def test_of_a_cone_the_distance_counts_in_which_it_ends():
     assert at_edges(stated, active_bounds - [0.0, 2.0])["cone"] == 0.0
 
 
-def test_a_window_that_a_constraint_ends_before_is_not_blamed():
+def test_a_window_behind_a_constraint_is_not_active():
     rng = np.random.default_rng(5)
     draws = np.column_stack([9.5 - 0.1 * cut(0.0, rng), np.zeros(COUNT)])
     window = Bound("mass of all links, from above", np.array([1.0, 0.0]), 0.0, np.zeros(2), 10.0)

@@ -23,6 +23,6 @@ def test_a_factor_in_mixed_units():
     assert failed, "which seeds it fails on depends on the processor"
 
 
-def test_what_is_singular_by_more_than_rounding_is_refused():
+def test_a_singular_matrix_is_refused():
     with pytest.raises(np.linalg.LinAlgError):
         factor(np.array([[4.0, 3.0], [3.0, 2.0]]))

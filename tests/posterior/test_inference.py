@@ -14,7 +14,7 @@ from bayesid.signs.search.protocol import Assignment, SearchResult
 
 
 def listing(log, assignments, decided):
-    """A search's answer that lists these assignments (B, S) and decides the same segments (S,) in each."""
+    """A search result that lists these assignments (B, S) and decides the same segments (S,) in each."""
     prepared, gradient = log.solver.prepared(), log.scaled.gradient
     branches = tuple(Assignment(signs, prepared.solve(signs @ gradient).theta, 0.0, 0.0) for signs in assignments)
     figures = 0.0, "given", None, True, 0.0, 0, 0, 0.0, 0.0, branches, 1.0, 1e-3, decided
@@ -87,7 +87,7 @@ def test_masses_of_signs_and_assignments_match_enumeration(case):
 
 
 def test_leaves_of_a_beam_have_the_masses_of_a_certified_list():
-    """Where the beam kept them: together those that are alike in what the proof decides have the mass of its branch."""
+    """Leaves with equal signs in the segments that a branch decides have the branch's mass together."""
     log = replace(doubtful(9), sigma=np.array([0.5]))
     certified = log.search()
     by_beam = replace(certified, **vars(beam(log.scaled, log.solver, width=None)))
@@ -101,7 +101,7 @@ def test_leaves_of_a_beam_have_the_masses_of_a_certified_list():
     assert ours.elsewhere == pytest.approx(1.0 - ours.branch_mass.sum(), abs=1e-12)
 
 
-def test_without_a_list_nothing_is_said_about_assignments():
+def test_without_a_list_assignments_have_no_mass():
     log = doubtful()
     posterior = infer_from(log, unproven(log.search()), replace(FEW, budget=0.0))
     assert posterior.branch_mass.shape == (0,)
@@ -172,7 +172,7 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them():
     assert posterior.min_ess == min(sampled.draws.diagnostics.min_ess for sampled in posterior.modes)
 
 
-def test_another_mode_can_be_asked_for():
+def test_another_mode_can_be_chosen():
     log = near_symmetric(0.6)
     first, second, third = (infer_from(log, options=replace(FEW, budget=0.0, mode=k)) for k in (1, 2, 3))
     assert first.chosen == third.chosen == 0
@@ -229,7 +229,7 @@ def test_the_seed_decides_the_draws():
     assert np.array_equal(runs[0].plus, runs[1].plus)
 
 
-def test_no_time_at_all_is_said_and_gives_finite_results():
+def test_a_zero_budget_is_reported_and_gives_finite_results():
     calls, options = [], Sampling(walkers=4, budget=0.0)
     found = infer_from(near_symmetric(0.6), options=options, progress=Progress(lambda *all: calls.append(all)))
     assert len(found.modes) == 2
@@ -247,7 +247,7 @@ NEVER = replace(FEW, walkers=4, max_rhat=0.9)  # converged
 
 
 @pytest.mark.parametrize(("lean", "walkers", "sweeps"), [(0.6, 4, 400), (12.0, 4, 400), (0.6, 2048, 150)])
-def test_the_work_asked_for_is_the_work_done(lean, walkers, sweeps):
+def test_the_work_stays_within_the_budget(lean, walkers, sweeps):
     """Shared by the modes, what weighs them included: at least 30 sweeps of all walkers for each."""
     log, sampling = near_symmetric(lean), replace(NEVER, walkers=walkers)
     search = log.search()

@@ -38,7 +38,7 @@ def test_sum_over_signs_is_exact(rng):
     assert np.allclose(total + rest, ours)
 
 
-def test_pull_is_the_gradient_for_given_signs(rng):
+def test_conditional_gradient_is_the_gradient_for_given_signs(rng):
     target = simulate(target_in(whole_space(3), np.zeros(3)), rng.standard_normal(3), np.zeros(2), rng)
     data = target.likelihood
     beta, log_scale = rng.standard_normal((1, 3)), 0.2 * rng.standard_normal((1, 2))

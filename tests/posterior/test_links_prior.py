@@ -56,7 +56,7 @@ def arm():
 
 
 def test_draws_of_the_prior_make_efforts_nine_times_as_strong():
-    """Their energy grows with the square of the mass, which is three times the one that would do."""
+    """Their energy grows with the square of the mass, and the scale is three times the true mass."""
     robot, effort = arm()
     links, rng = links_of(robot, effort), np.random.default_rng(0)
     drawn = links.centre + links.sd * rng.standard_normal((4000, 3, 10))
@@ -101,7 +101,7 @@ def test_a_table_without_lengths_shows_none():
     assert links.mass == pytest.approx(3.0 * 60.0 / 9.81, rel=0.1)  # its weight, and hardly any acceleration
 
 
-def test_efforts_of_nothing_show_no_mass():
+def test_zero_efforts_show_no_mass():
     robot, effort = arm()
     assert links_of(robot, 0.0 * effort).mass == LinkPrior().mass
 

@@ -45,7 +45,7 @@ def test_densities_are_the_rows_own_and_the_densest_is_first(lean, first):
 
 
 @pytest.mark.parametrize("depth", [8.0, 12.0])
-def test_ten_nats_below_the_best_do_not_matter(depth):
+def test_modes_ten_nats_below_the_best_are_dropped(depth):
     log = alone(1.5)
     size = abs(log.modes()[0].theta[0])
     lean = depth * 4.0 / (2.0 * size)  # the prior's log ratio between the two sides, 2 size lean / sd^2
@@ -104,7 +104,7 @@ def three_joints():
     )
 
 
-def test_a_list_holds_what_turning_single_joints_does_not():
+def test_listed_assignments_give_modes_beyond_single_flips():
     log = three_joints()
     search = log.search()
     sides = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
@@ -137,7 +137,7 @@ def test_centres_lie_strictly_inside():
         assert np.isfinite(mode.log_density)
 
 
-def test_known_signs_are_never_turned():
+def test_known_signs_are_never_flipped():
     log = alone(1.5)
     columns, effort = log.rows[0]
     weak = [(np.array([[0.05]]), np.array([sign * 0.4])) for sign in (1.0, -1.0)]

@@ -11,7 +11,7 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.robot.inertia import from_pseudo_inertia
 
 
-def test_information_pulls_whatever_the_noise_scale(rng):
+def test_information_does_not_depend_on_the_noise_scale(rng):
     temperature = 3.0
     make, log_scale = target_in(whole_space(3), np.zeros(3), prior_sd=0.8), np.array([0.9, -0.6])
     target = simulate(make, np.array([1.0, -0.5, 0.2]), log_scale, rng, rows=24, segments=6, known=1.0)

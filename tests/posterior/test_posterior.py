@@ -1,4 +1,4 @@
-"""What is read off the draws of a posterior."""
+"""Summaries of a posterior's draws."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from bayesid.posterior.sampler import Diagnostics, Draws, Sampling
 from bayesid.posterior.target import Target, TruncatedGaussian
 
 
-def test_what_the_data_decide():
+def test_parameters_decided_by_the_data():
     # the first and the third parameter show in their sum alone; the fourth not at all
     log = make_log(
         (1.0, -0.7, 0.8, 0.5),
@@ -33,7 +33,7 @@ def test_what_the_data_decide():
 
 
 def numbered(sweeps, ensembles=4, walkers=16):
-    """A posterior whose draws are numbers, two parameters and one coefficient."""
+    """A posterior with numbered draws, two parameters and one coefficient."""
     sweep, place = np.meshgrid(np.arange(sweeps), np.arange(ensembles * walkers), indexing="ij")
     theta = np.stack([sweep, place], axis=-1).astype(float).reshape(sweeps, ensembles, walkers, 2)
     projection = np.array([[1.0, 10.0], [0.5, -1.0]])
@@ -91,7 +91,7 @@ def test_a_coefficient_that_cannot_be_negative_has_the_shortest_interval(mean, f
     assert high[0] == pytest.approx(expected, abs=0.06)
 
 
-def test_what_a_model_may_lack_widens_by_the_closed_form():
+def test_model_error_widens_by_the_closed_form():
     """A normal posterior: theta moves by Cov(theta, beta) H e; nothing else moves."""
     plain = normal_draws(np.array([[2.0, 0.6], [0.6, 0.5]]))
     information = np.linalg.inv(plain.covariance_of_log)
@@ -105,8 +105,8 @@ def test_what_a_model_may_lack_widens_by_the_closed_form():
     np.testing.assert_array_equal(widened(plain, information, model_error_covariance).shift, wide.shift)
 
 
-def test_what_a_model_may_lack_leaves_no_friction_below_zero():
-    """The second parameter cannot be negative; the first is as free as ever."""
+def test_model_error_leaves_no_friction_below_zero():
+    """The second parameter is nonnegative; the first one is unbounded."""
     log = near_symmetric(0.6)
     posterior = infer_from(log, options=Sampling(walkers=8, budget=0.0))
     information = np.diag([50.0, 50.0])
@@ -119,8 +119,8 @@ def test_what_a_model_may_lack_leaves_no_friction_below_zero():
     assert wide.shift[..., 1].std() > 0.0
 
 
-def test_what_efforts_show_in_sums_alone_gives_way_on_both_sides():
-    """One coefficient a + 2 m, of a mass near zero: kept there, it would let the sum move to one side only."""
+def test_model_error_shifts_sums_of_parameters_both_ways():
+    """One coefficient a + 2 m with a mass near zero; bounding the mass would move the sum to one side only."""
     plain = normal_draws(np.array([[2.0, -0.9], [-0.9, 0.5]]), cone=Cone.free(1) + Cone.orthant(1))
     sums = np.array([[1.0, 2.0]])
     likelihood = replace(plain.target.likelihood, projection=sums, hessian=np.zeros((1, 1, 1)))

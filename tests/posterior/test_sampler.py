@@ -29,7 +29,7 @@ def test_runs_until_converged(rng):
     assert np.all(np.abs(draws.coordinates.mean(axis=0) - mean) < 0.2 * sd)
 
 
-def test_a_budget_that_ends_is_said(rng):
+def test_the_end_of_a_budget_is_reported(rng):
     calls = []
     for ends, timed_out in (({"budget": 0.0}, False), ({"time_limit": 0.0}, True)):
         options = Sampling(walkers=4, **ends)
@@ -68,7 +68,7 @@ def test_centre_is_inside_however_far_outside_the_optimum(rng):
     assert np.allclose(centre.theta, [0.8, 0.6], atol=1e-3)
 
 
-def test_a_budget_that_is_no_time_is_refused():
+def test_an_invalid_budget_is_refused():
     for budget in (-1.0, np.nan, np.inf):
         with pytest.raises(InputError) as error:
             Sampling(budget=budget)

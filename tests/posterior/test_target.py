@@ -58,7 +58,7 @@ def test_the_density_has_the_rows_of_both_logs_and_the_earlier_ones_keep_their_n
     assert target.log_density(outside)[0] == -np.inf
 
 
-def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
+def test_prior_sizes_of_hidden_parameters_come_from_the_earlier_log():
     new = make_log((1.0, 40.0, 0.3, 0.1), rows=(20, 20), known=(1, 1), sees=((1.0, 0.0, 0.0, 0.0),), sigma=(0.5,))
     likelihood = make_likelihood(new.normal_equations, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))
     columns = np.zeros((4, 4))

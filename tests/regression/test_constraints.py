@@ -278,7 +278,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_what_cannot_be_used_is_refused_by_name(kind, model):
+def test_invalid_constraints_are_refused_by_name(kind, model):
     says, message = REFUSED[kind]
     with pytest.raises(InputError) as caught:
         constraints_of(says, model)

@@ -91,7 +91,7 @@ def noisy_fit(arm, seed, signed=True, **options):
     return fit_signed(arm.log_data(effort if signed else np.abs(effort), signed), np.sign(arm.effort), **options)
 
 
-def test_the_noise_is_what_there_was_and_the_residual_what_is_left():
+def test_the_noise_is_corrected_for_the_fit_and_the_residual_is_not():
     """Two seconds, five coefficients: the residual is smaller and faster than the noise; `noise` makes up for it."""
     arm, truth = Arm(2.0), COLOURED.with_time_of_model(RATE)
     fits = [noisy_fit(arm, seed) for seed in range(16)]

@@ -1,4 +1,4 @@
-"""A log as a model is to explain it: its moments, its noise, and effects summed out, against dense covariances."""
+"""Log data: normal equations, noise, and marginalised effects, against dense covariances."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -158,7 +158,7 @@ def test_chunks_together_are_the_whole(what):
     np.testing.assert_allclose(np.concatenate(parts), nuisance.whiten(values), rtol=1e-11, atol=1e-12)
 
 
-def test_effects_that_the_model_does_not_see_do_nothing():
+def test_effects_orthogonal_to_the_model_change_nothing():
     case = Case()
     y, z = case.rows(case.model), case.rows(case.columns)
     apart = np.zeros_like(case.columns)
@@ -183,7 +183,7 @@ def test_long_logs_are_kept_in_single_precision(count, precision):
 
 
 class Arm:
-    """Two joints, their efforts known with signs, and columns of effects that nobody asked for."""
+    """Two joints with signed efforts, and columns of marginalised effects."""
 
     def __init__(self):
         robot, self.motion = small_robot(2, 3), smooth_motion(2, 5.0, 100.0, seed=6)

@@ -1,4 +1,4 @@
-"""Moments against the rows, and Hessians held in the columns that joints feel against the same held in full."""
+"""Normal equations against the rows, and sparse Hessians against full ones."""
 
 from dataclasses import dataclass, replace
 
@@ -219,7 +219,7 @@ def same(found, expected):
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
 
 
-def test_only_what_a_joint_feels_is_held(full):
+def test_only_nonzero_columns_of_a_joint_are_stored(full):
     made = full.made
     assert [columns.tolist() for columns in made.columns] == list(FELT.values())
     assert [values.shape for values in made.values] == [(3, 4, 4), (2, 2, 2), (2, 1, 1)]
@@ -255,7 +255,7 @@ def test_parts_are_joined_and_summed(full):
     same(full.made.summed(into)[:], expected)
 
 
-def test_a_joint_may_come_to_feel_more(full):
+def test_a_joint_may_get_more_columns(full):
     """A term whose column is zero in the first chunk of a log, and not later."""
     sums, rng = HessianSums(5, np.array([0, 1, 0])), np.random.default_rng(3)
     expected = np.zeros((3, 5, 5))

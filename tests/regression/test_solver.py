@@ -85,7 +85,7 @@ def test_margin_keeps_parameters_strictly_inside():
     assert model.cone.smallest_eigenvalues(theta).min() >= 0.9 * MARGIN
 
 
-def test_what_leaves_no_trace_is_drawn_to_a_typical_link():
+def test_parameters_without_effect_are_near_a_typical_link():
     robot, motion = small_robot(3), random_motion(3, 300, 4)
     model = Model(robot, make_terms(STANDARD, robot, motion))
     coefficients = base_coefficients(model)
@@ -205,7 +205,7 @@ def answering(monkeypatch):
 
 @pytest.mark.parametrize(("names", "size"), [(STANDARD, 0.1), (["rigid_body"], 3.0)])
 def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, answering):
-    """Whatever the solver says of the dual, far from optimal or not even in the cone."""
+    """For any multipliers, far from optimal or outside the cone."""
     model, coefficients, hessian, gradient, energy = problem(names, 3)
     best = ConeLeastSquares(model.cone, coefficients, hessian, energy).prepared().solve_precisely(gradient)
     rng = np.random.default_rng(3)
@@ -216,8 +216,8 @@ def test_multipliers_need_not_be_right_for_the_bound_to_hold(names, size, answer
         assert solution.lower_bound <= best.cost + 1e-9 * energy
 
 
-def test_more_data_pull_no_harder():
-    """The same log ten times over: a parameter as many sizes away costs the same, and not ten times as much."""
+def test_the_tikhonov_term_does_not_grow_with_the_data():
+    """The same log ten times: the Tikhonov cost of a parameter at equal distance stays the same."""
     model, coefficients, hessian, _, energy = problem(STANDARD, 8)
     theta = feasible(model.cone, np.random.default_rng(8))
     factor = 1e5 / energy  # of efforts in units of their noise
@@ -332,7 +332,7 @@ def test_useless_multipliers_leave_the_bound_without_a_cone(answering):
     assert bounds[0] - 1e-9 * energy <= bounds[3] <= right + 1e-9 * energy
 
 
-def test_the_pull_on_coefficients_is_the_least_on_parameters():
+def test_the_tikhonov_term_of_coefficients_is_the_least_of_parameters():
     """(beta - b)' Q (beta - b) = min of rho(theta) over B theta = beta: the optimality conditions, solved as such."""
     model, coefficients, hessian, gradient, energy = problem(STANDARD, 7)
     solver, size = ConeLeastSquares(model.cone, coefficients, hessian, energy), model.cone.size

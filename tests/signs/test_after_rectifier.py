@@ -107,7 +107,7 @@ def test_the_noise_that_a_low_pass_took_is_what_is_missing(white, slow):
     assert noise_taken(low_pass, passed, np.ones(60_000, dtype=bool), RATE) == pytest.approx(expected, rel=0.25)
 
 
-def test_of_a_residual_that_no_low_pass_has_shaped_as_much_noise_was_taken_as_is_left():
+def test_an_unfiltered_residual_gives_the_least_removed_noise():
     """White noise of the sensor behind it: nothing is missing, so the least there is, by the variance."""
     residual = np.random.default_rng(4).normal(size=20_000)
     taken = noise_taken(LowPass(2, 3.0, zero_phase=False), residual, np.ones(20_000, dtype=bool), RATE)

@@ -76,7 +76,7 @@ def test_known_signs_are_the_root_and_all_may_be_enumerated():
     assert np.array_equal(result.signs[known != 0], known[known != 0])
 
 
-def test_what_is_refused_is_pruned_and_the_cheapest_goes_on_where_all_are():
+def test_refused_nodes_are_pruned_and_the_cheapest_survives_if_all_are():
     asked = problem()
     _, nodes = algorithm1(asked, width=3, initial=4, refuse=lambda one: np.ones(len(one.margins), dtype=bool))
     assert len(nodes) == 2**4 + 2 * (len(asked.normal_equations) - 4)

@@ -1,4 +1,4 @@
-"""A second opinion on signs, and doubt where the model is not the robot's."""
+"""Averaging with a second model, and lower confidence if the model does not fit the robot."""
 
 import itertools
 from dataclasses import replace
@@ -35,7 +35,7 @@ def full(rough):
 
 @pytest.fixture(scope="module")
 def poor(rough):
-    """With as few draws as there can be: signs that the other model has settled are not for them to say."""
+    """With the fewest draws, as the other model's signs are fixed."""
     return identify(rough.robot, rough.log(), POOR, search=SEARCH, posterior=Sampling(budget=0.0))
 
 
@@ -43,7 +43,7 @@ def sure_samples(result):
     return np.maximum(result.probability, 1.0 - result.probability) >= 0.99
 
 
-def test_a_model_without_friction_asks_another_one_and_confidences_are_rare_and_right(rough, poor, full):
+def test_a_model_without_friction_is_averaged_and_its_high_confidences_are_right(rough, poor, full):
     assert set(poor.sign_terms) == set(STANDARD)
     assert poor.completed_model_weight == 0.95
     assert [term.name for term in poor.model.terms] == list(POOR)
@@ -58,7 +58,7 @@ def test_a_model_without_friction_asks_another_one_and_confidences_are_rare_and_
     assert sure.mean() < 0.7 * sure_samples(full).mean()
 
 
-def test_a_full_model_and_a_signed_log_ask_nobody(rough, full):
+def test_a_full_model_and_a_signed_log_need_no_second_model(rough, full):
     signed = identify(rough.robot, rough.log(signed=True), POOR, posterior=False)
     for result, terms in ((full, STANDARD), (signed, POOR)):
         assert result.sign_terms == terms
@@ -75,13 +75,13 @@ def test_parameters_are_those_of_the_model_asked_for_under_the_others_signs(roug
 
 
 def test_given_signs_stand_in_the_posterior_of_the_poor_model(poor):
-    """Its draws must not find the wrong signs again that the other model has ruled out."""
+    """Its draws must not return to wrong signs that the other model has excluded."""
     np.testing.assert_array_equal(np.abs(poor.posterior.normal_equations.known), 1)
     np.testing.assert_array_equal(poor.posterior.normal_equations.known, poor.search.signs)
     assert poor.posterior.elsewhere is None
 
 
-def test_a_right_model_is_not_talked_over():
+def test_a_right_model_keeps_its_signs():
     smooth = arm_with_friction(0.0)
     result = identify(smooth.robot, smooth.log(), ["rigid_body"], search=SEARCH, posterior=False)
     assert result.sign_terms == ("rigid_body",)
@@ -93,7 +93,7 @@ def test_a_right_model_is_not_talked_over():
 
 @pytest.fixture(scope="module")
 def asked(rough):
-    """The poor model, settled by itself."""
+    """The signs under the poor model alone."""
     return settle(rough.robot, rough.log(), POOR)
 
 
@@ -102,7 +102,7 @@ def with_residual(sign_solution, coloured):
     return replace(sign_solution, fit=replace(sign_solution.fit, residual=residual))
 
 
-def test_another_model_is_asked_where_a_residual_lasts(asked):
+def test_a_second_model_is_used_if_a_residual_is_correlated(asked):
     """In one joint at least: coloured over white of a half."""
     assert richer_model(with_residual(asked, [0.49, 0.98, 1.47])) is None
     model = richer_model(with_residual(asked, [0.49, 1.02, 1.47]))
@@ -157,7 +157,7 @@ def test_a_joint_is_doubted_for_its_own_error_and_for_the_worst_one_unless_its_o
         np.testing.assert_allclose(found, 0.5 * np.array(expected) / 0.7, atol=1e-12)
 
 
-def test_what_a_joint_turned_round_costs_is_what_is_left_of_the_rows_of_each():
+def test_the_cost_of_a_flipped_joint_is_its_rows_residual():
     """Row by row, by ordinary least squares: three joints that share their coefficients, in every set of them."""
     problem = synthetic(5, 14, joints=3, cone="free", size=5, noise=0.2, longest=9)
     joint, known = problem.normal_equations.joint, problem.normal_equations.known

@@ -8,7 +8,7 @@ from bayesid.signs.search.beam import beam, flip_joints, keep_incumbent
 from bayesid.signs.tuning import TUNING
 
 
-def test_a_joint_that_is_turned_round_is_turned_back():
+def test_a_flipped_joint_is_flipped_back():
     problem = synthetic(4, 9, joints=3, cone="body", noise=0.3, longest=8)
     m = problem.normal_equations
     best = beam(m, problem.solver(), width=None, initial=3)
@@ -21,7 +21,7 @@ def test_a_joint_that_is_turned_round_is_turned_back():
     assert found.cost == pytest.approx(best.cost, rel=1e-4)
 
 
-def test_what_an_earlier_search_found_is_not_lost():
+def test_the_result_of_an_earlier_search_is_kept():
     problem = synthetic(9, 8, joints=2, cone="body", noise=0.3, longest=8, known=1)
     m, coefficients = problem.normal_equations, problem.coefficients
     best = beam(m, problem.solver(), width=None, initial=3)

@@ -1,4 +1,4 @@
-"""What turning segments costs at least, against the cost of all 2^k ways to turn them; the bound without the cone."""
+"""Bounds of flips, against the cost of all 2^k sets of flips; the bound without the cone."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def assert_bounds_hold(case, flips):
         assert by_itself <= case.least(alone & case.turned[:, k]) + case.rounding
 
 
-def test_no_set_of_flips_costs_less_than_is_said(cases):
+def test_no_set_of_flips_costs_less_than_its_bound(cases):
     for case in cases:
         assert_bounds_hold(case, case.flips)
         assert set(case.flips.best[1]) <= set(case.free)
@@ -93,7 +93,7 @@ def test_less_work_bounds_flips_less_sharply_and_never_wrongly(cases, limits):
     assert "rows_at_once" in limits or looser > 10, "or as much work was done"
 
 
-def test_segments_turned_by_force_cost_what_is_said_whatever_the_free_ones_do(cases):
+def test_the_bound_of_forced_flips_holds_for_all_free_segments(cases):
     rng = np.random.default_rng(0)
     for case in cases:
         m, unknown = case.problem.normal_equations, np.flatnonzero(case.problem.normal_equations.known == 0)
@@ -121,7 +121,7 @@ def test_the_bounds_are_no_worse_than_the_quadratic_itself_for_few_segments(case
         assert case.flips.best[0] == pytest.approx(least, abs=case.rounding)
 
 
-def test_parameters_that_are_not_quite_the_best_are_allowed_for():
+def test_the_bound_holds_for_inaccurate_parameters():
     """A coarse tolerance leaves beta off the best point; the gap that it leaves takes care of that."""
     for cone in ("orthant", "half", "body"):
         for seed in range(6):
@@ -147,7 +147,7 @@ def test_the_bound_is_what_least_squares_leaves_unexplained():
 
 
 def test_columns_that_no_row_shows_explain_nothing():
-    """Fewer rows than coefficients, one column zero, two alike: the ridge stands in for what H lacks."""
+    """Fewer rows than coefficients, one column zero, two alike: the ridge makes H invertible."""
     rng = np.random.default_rng(3)
     y, effort = rng.normal(size=(3, 6)) * np.array([1.0, 0.0, 1e-3, 2.0, 2.0, 5.0]), rng.normal(size=3)
     y[:, 4] = y[:, 3]

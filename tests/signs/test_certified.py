@@ -182,8 +182,8 @@ def orthogonal(columns, beta):
 
 
 @pytest.mark.parametrize("cone", ["free", "orthant", "body"])
-def test_a_sign_that_matters_little_is_told_or_left_open(cone):
-    """A segment that the fit is nearly orthogonal to, or is: its two signs cost nearly the same, or the same."""
+def test_a_sign_of_little_cost_is_right_or_undecided(cone):
+    """A segment that is (nearly) orthogonal to the fit: both signs cost (nearly) the same."""
     for share in (0.0, 1e-12, 1e-8, 1e-4, 1e-2):
         problem = planted(4, lambda y, beta, share=share: orthogonal(y, beta) + share * (y @ beta), cone, noise=0.2)
         found = solved(problem)
@@ -252,7 +252,7 @@ def poor_cases():
         yield synthetic(seed, 7, joints=3, cone=cone, size=5, noise=1.0, longest=3, scale=2.0, spread=2.0)
 
 
-def test_the_proof_finds_what_the_first_guess_has_missed():
+def test_the_proof_improves_on_the_first_candidate():
     missed = 0
     for problem in poor_cases():
         guess, found = (solved(problem, budget, tuning=POOR_CANDIDATES) for budget in (0.0, 10.0))
@@ -265,7 +265,7 @@ def test_the_proof_finds_what_the_first_guess_has_missed():
 
 
 def test_what_an_earlier_search_found_is_a_candidate():
-    """Without any time for a proof, the parameters of the best signs lead straight to them."""
+    """With a zero budget, the parameters of the best signs give these signs."""
     better = 0
     for problem in poor_cases():
         best = solved(problem, tuning=POOR_CANDIDATES)
@@ -294,7 +294,7 @@ def test_a_solver_that_fails_is_an_error_not_a_result():
 
 
 def test_no_single_flip_improves_a_candidate():
-    """Without any proof, too: a weak segment may pull the parameters over to its own sign and look settled there."""
+    """Without a proof too: a weak segment may bias the parameters towards its own sign and look persistent."""
     for seed in range(40):
         problem = synthetic(seed, 8, cone=("orthant", "free")[seed % 2], size=6, noise=0.8, longest=3, spread=5.0)
         found = certified(problem.normal_equations, problem.solver(), budget=0.0)

@@ -79,7 +79,7 @@ class Pendulum:
 
 
 @pytest.mark.parametrize(("speed", "seed"), [(0.2, 1), (0.3, 3), (0.5, 4)])
-def test_what_the_data_allow_is_listed(speed, seed):
+def test_assignments_with_low_data_cost_are_listed(speed, seed):
     """Standing costs the data a few units more than hanging; rho of before made it 20 to 60 and excluded it."""
     problem = Pendulum(speed, seed)
     result = certified(problem.normal_equations, problem.solver())
@@ -91,7 +91,7 @@ def test_what_the_data_allow_is_listed(speed, seed):
 
 
 @pytest.mark.parametrize(("noise", "least_tikhonov", "seeds"), [(0.01, 1e-7, range(40)), (0.001, 1e-9, range(40))])
-def test_no_certificate_where_the_data_prefer_what_the_pull_does_not(noise, least_tikhonov, seeds):
+def test_no_certificate_if_data_and_tikhonov_term_disagree(noise, least_tikhonov, seeds):
     """Hanging has the friction of the log, standing the inertia that its noise shows: the Tikhonov term takes it.
 
     Of the more precise log a hundred millionth of the energy is a cost of 30, which counts as equal in the tree alone.

@@ -50,7 +50,7 @@ def a_stream(samples=300):
 
 
 @pytest.mark.parametrize("rests", [0, 50])
-def test_waiting_for_all_that_comes_is_smoothing(rests):
+def test_a_filter_with_full_delay_equals_smoothing(rests):
     """With a standstill of 0.5 s, the length at which both take friction to turn round as readily."""
     effort, predicted = a_stream()
     model, moving = noise_of(0.3, 0.5, 0.1, n=2), np.ones(effort.shape, dtype=bool)

@@ -1,4 +1,4 @@
-"""Completed models: one hidden effect is found from |effort| and nothing else, and what is not found widens."""
+"""Model selection: one hidden effect is found from |effort| alone; other effects widen the uncertainty."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def test_one_hidden_effect_is_found_and_no_other(name):
     np.testing.assert_allclose(model_selection.effort, noise / 0.03, rtol=0.15)
 
 
-def test_how_friction_turns_round_near_standstill_names_no_effect():
+def test_the_shape_of_friction_reversals_gives_no_effect():
     """The truth turns round at once, the model does not, and there is next to no noise."""
     assert found(identified("turns_at_once")) == set()
 
@@ -96,7 +96,7 @@ def test_an_unknown_way_to_complete_is_refused():
         identify(complete="nonsense")
 
 
-def test_signs_are_as_sure_as_without_what_is_summed_out():
+def test_marginalised_effects_do_not_change_confidences():
     """A geometry that may be far off makes coefficients uncertain, not the efforts of the log they were fitted to."""
     few, wide = Sampling(budget=0.0), ParameterPrior(length_sd=0.02, angle_sd=0.03)
     off = identify(posterior=few, complete="off")
@@ -110,7 +110,7 @@ def test_signs_are_as_sure_as_without_what_is_summed_out():
     assert np.mean((only.sample_signs == signs)[strong]) >= np.mean((off.sample_signs == signs)[strong]) - 0.002
 
 
-def test_an_effect_enters_only_if_every_assignment_that_nothing_excludes_bears_it_out():
+def test_an_effect_enters_only_if_every_possible_assignment_confirms_it():
     """The same log and search, but one of two has the second joint's other side on its list."""
     signals = prepare(log_with("stribeck_friction"))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
@@ -132,7 +132,7 @@ def test_an_effect_enters_only_if_every_assignment_that_nothing_excludes_bears_i
     assert found(complete(AveragedSigns.alone(doubtful), segments, search, how)) == set()
 
 
-def test_an_effect_goes_that_the_posterior_alone_finds_consistent_with_zero(monkeypatch):
+def test_an_effect_is_removed_if_the_posterior_includes_zero(monkeypatch):
     """The posterior is made wide in the effect's parameters, which least squares know to be far from zero."""
     name, seen, asked = "stribeck_friction", [], len(BASE.parameters)
 

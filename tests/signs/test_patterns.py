@@ -101,7 +101,7 @@ def test_a_list_holds_the_patterns_up_to_its_limit_and_bounds_the_mass_of_the_ot
             assert found.log_mass == pytest.approx(np.logaddexp(log_sum(found.bound), found.log_missed))
 
 
-def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
+def test_groups_share_the_tikhonov_term_and_cost_no_more_than_the_whole():
     for seed in range(8):
         problem, view = prepared(seed, segments=9, joints=1, known=seed % 3, noise=0.5)
         (block,) = view.blocks
@@ -117,7 +117,7 @@ def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
         assert 0.0 < sum(parts) <= whole + view.rounding
 
 
-def test_shares_of_the_pull_add_up_to_less_than_half_of_it():
+def test_shares_of_the_tikhonov_term_add_up_to_less_than_half_of_it():
     """Half is what is left of rho once it is drawn to zero instead of to typical links; the rest is the slack."""
     for seed in range(6):
         problem, view = prepared(seed, segments=8, joints=3, cone="body", known=1, load=(1.0, 1e-3)[seed % 2])

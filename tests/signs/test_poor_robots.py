@@ -48,7 +48,7 @@ def overcompensate(model, theta, size, speed):
 
 
 @pytest.mark.parametrize("seed", [0, 4])
-def test_drives_that_overcompensate_viscous_friction_are_named(seed):
+def test_overcompensated_viscous_friction_is_detected(seed):
     """Under Fv >= 0 their signs are wrong and, with seed 0, proven: residuals of 17 % are not even poor."""
     log, _ = made(seed, overcompensate)
     _, before = right_signs(log, complete="off")
@@ -71,7 +71,7 @@ def test_a_drive_without_feedforward_keeps_its_bound():
 
 
 @pytest.mark.parametrize("seed", [0, 5])
-def test_where_a_model_explains_little_friction_decides(seed):
+def test_friction_determines_signs_of_a_poorly_explained_joint(seed):
     """A wrist of which the sensor shows bursts of friction alone, the rest as zero."""
     log, motion = made(seed)
     speed, rng = motion.dq[:, 2], np.random.default_rng(3)

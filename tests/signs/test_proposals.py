@@ -1,4 +1,4 @@
-"""Effects proposed for joints that the model explains poorly, their signs unknown."""
+"""Proposals for joints with a poor fit and unknown signs."""
 
 import itertools
 from dataclasses import replace
@@ -75,7 +75,7 @@ def test_a_distortion_acts_on_columns_and_readings_as_in_a_model(log, segments, 
     assert changed
 
 
-def test_what_a_sensor_hides_must_have_been_read_so(searched):
+def test_hidden_efforts_are_compared_with_the_reading(searched):
     """A dead zone as wide as most efforts hides what the model gets wrong; but nothing reads as zero."""
     segments, log = searched
     wide = make_effect("dead_zone", {"joints": [2], "width": [float(np.median(log.modelled.magnitude[:, 1]))]})
@@ -85,7 +85,7 @@ def test_what_a_sensor_hides_must_have_been_read_so(searched):
     assert propose(poor, [[replace(like, source=wide)]]) == []
 
 
-def test_whole_segments_are_turned_where_samples_alone_stay_wrong():
+def test_flips_of_whole_segments_reach_the_optimum():
     """Brute force over the signs of 10 segments: a local search from many starts ends at the least cost."""
     rng = np.random.default_rng(5)
     truth, segment = rng.normal(size=3), np.repeat(np.arange(10), 6)
@@ -108,7 +108,7 @@ def test_whole_segments_are_turned_where_samples_alone_stay_wrong():
 
 
 def test_signs_are_found_under_what_was_proposed():
-    """And it enters the model, for held-back blocks bear it out."""
+    """It enters the model, as held-back blocks confirm it."""
     signs, strong = true_signs("torque_ripple")
     off, only, auto = (identified("torque_ripple", complete=how) for how in ("off", "only-uncertainty", "auto"))
     np.testing.assert_array_equal(only.sample_signs, off.sample_signs)

@@ -1,4 +1,4 @@
-"""Methods as objects: what they refuse, and what they make of a problem."""
+"""Search methods: refused options and results."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ class Wrong(Search):
         return SearchResult(signs, solution.theta, problem.energy + solution.cost, "wrong", nodes=7, solves=1)
 
 
-def test_what_cannot_be_searched_with_is_refused():
+def test_invalid_search_options_are_refused():
     for make, field in (
         (lambda: Beam(width=0), "Beam.width"),
         (lambda: Beam(budget=np.nan), "Beam.budget"),
@@ -44,7 +44,7 @@ def test_what_cannot_be_searched_with_is_refused():
         assert (refusal.value.field or refusal.value.where) == field
 
 
-def test_a_conclusion_costs_no_more_than_what_was_found():
+def test_certifying_never_raises_the_cost():
     small, problem = given()
     for search in (Certified(), Certified(fallback=Wrong(), budget=1e-9), Beam(), Beam(width=64)):
         result = search.find(problem)
@@ -57,7 +57,7 @@ def test_a_conclusion_costs_no_more_than_what_was_found():
         )
 
 
-def test_a_proof_that_closes_asks_no_other_search():
+def test_a_complete_proof_needs_no_fallback():
     _, problem = given()
     search = Certified(fallback=Wrong())
     concluded = search.certify(replace(problem, earlier=search.find(problem)))
@@ -66,8 +66,8 @@ def test_a_proof_that_closes_asks_no_other_search():
     assert concluded.unlisted_probability == 0.0
 
 
-def test_where_no_proof_closes_the_cheaper_signs_are_taken():
-    """A fallback of the user's own is named; the bound that was proven stays."""
+def test_without_a_proof_the_cheaper_signs_are_taken():
+    """A user's fallback is named; the proven bound is kept."""
     _, problem = given()
     search = Certified(fallback=Wrong(), budget=1e-9)
     concluded = search.certify(replace(problem, earlier=search.find(problem)))

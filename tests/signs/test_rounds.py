@@ -34,7 +34,7 @@ def test_whether_the_optimum_changes_is_seen(cases):
     assert 2 <= sum(changes) <= 38, "or the case shows nothing"
 
 
-def test_what_stays_settled_is_turned_by_no_assignment_near(cases):
+def test_persistent_signs_are_equal_in_all_close_assignments(cases):
     """No lower bound of all assignments, but of all that come near here."""
     unsettled = 0
     for result, problem, other in cases:

@@ -1,4 +1,4 @@
-"""Signs under one model, alone and given what an earlier log has shown; logs as before their sensors."""
+"""Signs under one model, with and without an earlier log; logs corrected for sensors."""
 
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from bayesid.simulation.logs import simulate
 
 @dataclass(frozen=True, kw_only=True)
 class Misled(Certified):
-    """A search whose last word has all signs the wrong way round."""
+    """A search whose final result has all signs flipped."""
 
     def certify(self, problem, progress=SILENT):
         result = super().certify(problem, progress)
@@ -38,7 +38,7 @@ def earlier_about(case, theta, spread):
     return Earlier(CoefficientPrior(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
 
 
-def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough):
+def test_information_of_an_earlier_log_enters_the_fit(rough):
     """Coefficients are those of both models, their information that of both logs."""
     alone = settled_by_standard_terms(1.5)
     earlier = earlier_about(rough, rough.theta, 0.03)
@@ -52,8 +52,8 @@ def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough):
 
 
 @pytest.mark.parametrize("spread", [0.03, 1.0])
-def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, spread, monkeypatch):
-    """However vaguely: where knowledge does not decide, the residuals do.
+def test_known_parameters_correct_wrong_signs_of_a_search(rough, spread, monkeypatch):
+    """Even with a wide prior, as the residuals decide then.
 
     By itself a poor fit falls back on the direction of motion, which is right here.
     """

@@ -48,7 +48,7 @@ REST_TIME, TURNS = 0.5, 0.5
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_standstill_against_weighed_paths(seed):
-    """Eleven samples, five of them at rest, where friction turns the prediction from below to above zero.
+    """Eleven samples, five of them at rest, where friction moves the prediction from below to above zero.
 
     Steps are wider, and friction may turn round, into a standstill, within it and out of it.
     """

@@ -1,4 +1,4 @@
-"""The proof's tree, and what decided signs say about further segments, against the cost of all 2^k assignments."""
+"""The proof's tree and its consequences, against the cost of all 2^k assignments."""
 
 import itertools
 
@@ -16,7 +16,7 @@ from bayesid.signs.search.tree import consequences, persistent, prove
 class Proven:
     """The proof for a small problem in which some segments are decided beforehand, and the brute force to hold it to.
 
-    Given are all combinations with an assignment that costs up to the limit, or all; nothing more is said about them.
+    Given are all combinations with an assignment that costs up to the limit, or all.
     """
 
     def __init__(self, problem, decided, within, all_given=False):

@@ -221,7 +221,6 @@ class _Residuals:
         return points, np.maximum(squares, 0.0), variance
 
     def _squares(self, place: tuple[float, float]) -> _Squares:
-        """Sum of squared innovations at phi and theta, with its derivatives."""
         memory, theta = place
         late = [0.0, 1.0], [1.0, -theta]
         rows = np.empty((5, len(self.residual)))  # innovations; derivatives by phi, theta, both, and theta twice
@@ -313,6 +312,5 @@ def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, 
 
 
 def _innovations(residual: Array, used: Mask, memory: float, theta: float) -> tuple[float, int]:
-    """Sum of squares and number of the innovations of the used samples."""
     innovation = scipy.signal.lfilter([1.0, -memory], [1.0, -theta], residual)[used]
     return float(innovation @ innovation), len(innovation)

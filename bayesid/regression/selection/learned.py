@@ -129,7 +129,6 @@ class Finder:
             yield Form(axes)
 
     def _oscillations(self) -> Iterator[Axis]:
-        """Single frequencies over time, closely spaced."""
         time: Variable = (Quantity.TIME, 0)
         low, high = self._range(time)
         rate = (len(self._value(time)) - 1) / (high - low)
@@ -155,7 +154,6 @@ class Finder:
         return Axis(*variable, Family.DIRECTION, *self._range(variable), slowest, 1)
 
     def _families(self, variable: Variable, *, fine: bool) -> Iterator[Axis]:
-        """All families of functions of a variable."""
         low, high = self._range(variable)
         yield self._smooth(variable, TUNING.cosines_coarse)
         if fine:
@@ -179,7 +177,6 @@ class Finder:
             yield from (Axis(*variable, Family.POWER, low, high, 0.0, count) for count in (2, 3, 4))
 
     def _turns(self, variable: Variable) -> bool:
-        """Whether it is an angle."""
         return variable[0] is Quantity.POSITION and not self.scene.robot.joints[variable[1] - 1].prismatic
 
     def _range(self, variable: Variable) -> tuple[float, float]:
@@ -298,7 +295,6 @@ class Finder:
         return chain.from_iterable(reversed(found))
 
     def _gains_of(self, regression: Regression, forms: list[Form]) -> list[tuple[Form, float]]:
-        """Log Bayes factors of forms with equal numbers of columns."""
         found = list[tuple[Form, float]]()
         free = np.zeros(forms[0].counts, dtype=bool)
         columns = [Columns({self.joint - 1: self.rows(form)}, {}, np.ones(len(free)), free) for form in forms]
@@ -332,7 +328,6 @@ class Finder:
 
     @cached_property
     def _effort(self) -> float:
-        """RMS of the joint's effort, N m."""
         used = self.used[:, self.joint - 1]
         return float(np.sqrt(np.mean(self.scene.measured[used, self.joint - 1] ** 2)))
 

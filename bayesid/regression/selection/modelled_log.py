@@ -82,9 +82,6 @@ class ModelledLog:
             thresholds=thresholds,
         )
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Effects
-    # -----------------------------------------------------------------------------------------------------------
     def scene(self, effort: Array) -> Scene:
         """Input of effects, for efforts (N, n) of model and terms, N m."""
         return self.model.scene(self.motion, self.knowledge.theta, effort, self.magnitude)
@@ -183,9 +180,6 @@ class Extension:
     theta: Array
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The geometry
-# ---------------------------------------------------------------------------------------------------------------
 _STEP = 1e-5
 """Step of the central differences, m and rad: their relative error is its square; rounding is 1e-10 of the effort."""
 _Move = Callable[[Array, float], Array]

@@ -70,9 +70,6 @@ class Regression:
         """With the columns of a fit, samples weighed by the errors that it leaves."""
         return cls(fitted_effects.data, fitted_effects.effects, fitted_effects.errors, fitted_effects.uncertain)
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Columns: m in all; the model's, uncertain ones, and those of the effects, each followed by its change
-    # -----------------------------------------------------------------------------------------------------------
     @cached_property
     def _ends(self) -> tuple[int, int]:
         """End of the model's columns, and of those in every set."""
@@ -173,9 +170,6 @@ class Regression:
         """(m,) g, their products with the efforts."""
         return self._all[:-1, -1]
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Sets of effects
-    # -----------------------------------------------------------------------------------------------------------
     def indices(self, chosen: Effects, *, uncertain: bool = True) -> Integers:
         """Indices of the columns in every set, with or without uncertain ones, and of those of some effects."""
         return np.concatenate(
@@ -275,9 +269,6 @@ class Regression:
             self, effects=[forms.get(id(effect), effect) for effect in self.effects], _products={}, _columns={}
         )
 
-    # -----------------------------------------------------------------------------------------------------------
-    # All effects together
-    # -----------------------------------------------------------------------------------------------------------
     @cached_property
     def _whole(self) -> _Solved:
         return self._solved(self._all, self.effects)
@@ -329,9 +320,6 @@ class Regression:
         sides = float(np.sum(np.log(2.0) + log_ndtr(amplitudes[positive] / sd[r:][positive])))
         return 0.5 * float(np.log(precision).sum()) - 0.5 * misfit + sides
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Further effects on top of all prepared ones
-    # -----------------------------------------------------------------------------------------------------------
     def screened(self, group: Sequence[Columns]) -> tuple[Array, Array]:
         """Gains in log evidence of k effects with p amplitudes each, in the same joints.
 

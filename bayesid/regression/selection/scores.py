@@ -87,7 +87,6 @@ def best_forms(regression: Regression, library: Iterable[Sequence[Hypothesis]]) 
 
 
 def _best_form(regression: Regression, group: Sequence[Hypothesis]) -> Score:
-    """The best of forms with equal joints and numbers of amplitudes."""
     gains, expected = regression.screened([hypothesis.columns for hypothesis in group])
     place = int(np.argmax(gains))
     averaged = float(logsumexp(gains)) - float(np.log(len(group)))

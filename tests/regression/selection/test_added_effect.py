@@ -1,4 +1,4 @@
-"""Errors of the table that the earlier log shows too; thresholds are what is passed, not what a module holds."""
+"""Errors of the table in the earlier log too; thresholds are arguments."""
 
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ def test_a_blunt_floor_must_be_exceeded_by_more():
 
 
 @pytest.mark.parametrize(("moved", "there"), [(2.9, False), (3.2, True)])
-def test_error_that_moves_what_the_earlier_log_has_shown_was_there(moved, there):
+def test_an_error_that_moves_the_earlier_coefficients_is_old(moved, there):
     """Three standard deviations are a likelihood ratio of 100 = exp(9.2 / 2), as an effect needs."""
     log = data(np.random.default_rng(4).standard_normal((N, 2)) * SD)
     log = replace(

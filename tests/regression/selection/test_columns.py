@@ -48,7 +48,7 @@ def test_columns_of_the_model_are_whitened_where_they_show(whitening, used):
         np.testing.assert_allclose(products.sum(axis=0), expected.T @ expected, atol=1e-10)
 
 
-def test_what_was_whitened_by_the_same_filter_is_kept(whitening, used):
+def test_columns_whitened_by_the_same_filter_are_cached(whitening, used):
     (beside,) = effects(1, shifted=False)
     larger = ErrorModel(0.3 * 7.0, 0.5 * 7.0, 0.1, RATE)
     assert whitening.always(1, larger, beside)[0] is whitening.always(1, ERROR, beside)[0]
@@ -78,7 +78,7 @@ def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shif
     assert (again is products) == whole
 
 
-def test_errors_are_alike_up_to_a_size_that_nobody_sees():
+def test_errors_are_alike_up_to_a_small_difference_in_size():
     larger = ErrorModel(0.3 * 1.0005, 0.5 * 1.0005, 0.1, RATE)
     assert larger.shape == ERROR.shape
     assert alike([ERROR, OTHER], [larger, OTHER])
@@ -87,7 +87,7 @@ def test_errors_are_alike_up_to_a_size_that_nobody_sees():
     assert not alike([ERROR], [ErrorModel(0.3001, np.sqrt(0.34 - 0.3001**2), 0.1, RATE)])
 
 
-def test_what_is_kept_is_bounded(whitening, used):
+def test_the_cache_is_bounded(whitening, used):
     each = COUNT * 5 + 4 * 25  # innovations, and products fold by fold
     bounded = Whitening(whitening.columns, used, most_bytes=5 * each * 8)
     some = effects(12, shifted=False)

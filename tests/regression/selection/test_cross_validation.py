@@ -58,7 +58,7 @@ def rows_of(products, candidate):
 
 
 class Dense:
-    """Density of what of the efforts no coefficients could make, some effects' amplitudes integrated out."""
+    """Density of the efforts' part outside the coefficients' span, with some effects' amplitudes integrated out."""
 
     def __init__(self, products, chosen=()):
         self.left = null_space(white(products, lambda j: products.data.columns[:, j]).T)
@@ -85,7 +85,7 @@ def test_gains_are_those_of_dense_densities(chosen):
 
 @pytest.mark.parametrize("chosen", [(), (3, 2)])
 def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_densities(chosen):
-    """What is known of the coefficients is correlated and off; one uncertain column resembles a candidate's."""
+    """The coefficients' prior is correlated and biased; one uncertain column resembles a candidate's."""
     plain = made_case()
     root = np.array([[2.0, 0.3, -0.4], [0.0, 3.0, 0.9], [0.0, 0.0, 0.7]])
     hessian = root.T @ root
@@ -107,7 +107,7 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
 
 @pytest.mark.parametrize(("which", "sign"), [(1, 1.0), (2, -1.0)])
 def test_one_sided_gains_are_integrals_over_one_side(which, sign):
-    """Twice the prior on the side of zero that there is; the amplitude is negative, or is made to be positive."""
+    """Twice the prior on the allowed side of zero; the amplitude is negative, or reversed to positive."""
     products = made_case(positive=(which == 1, which == 2))
     before, candidate = [products.effects[3]], products.effects[which]
     one = candidate.columns
@@ -134,7 +134,7 @@ def test_one_sided_gains_are_integrals_over_one_side(which, sign):
     assert found == pytest.approx(np.log(expected), abs=1e-5)
 
 
-def test_best_is_ridge_regression_and_the_residual_what_it_leaves():
+def test_best_is_ridge_regression_and_the_residual_follows():
     products = made_case()
     chosen = [products.effects[2], products.effects[0]]
     augmented, effort = stacked(products, chosen)
@@ -202,7 +202,7 @@ def test_sets_are_predicted_together_as_one_by_one(base):
 
 
 def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
-    """Columns that are the effect itself take it all in evidence and in predictions; kept out, they predict nothing."""
+    """Columns equal to the effect explain it in evidence and predictions; if left out, they predict nothing."""
     plain = made_case()
     twin = plain.effects[0].columns
     uncertain = Columns(twin.rows, {}, 50.0 * twin.sd, np.zeros(len(twin.sd), dtype=bool))
@@ -319,7 +319,7 @@ def test_growth_is_as_large_and_as_sure_as_the_help_of_an_effect(rise, sd, grown
 
 
 def test_harm_is_visible_from_four_per_cent_of_the_square_and_sure_from_one_standard_error_on():
-    """The same in all blocks, beyond all doubt; and a rise of one, whose standard error is a quarter of the scatter."""
+    """The same rise in all blocks, without scatter; and a rise of one with a standard error of scatter / 4."""
     before = errors(7.0, 0.3)
     for rise, visible in ((-0.5, False), (0.039, False), (0.041, True)):
         np.testing.assert_array_equal(harmed(errors(7.0 * (1.0 + rise), 0.3), before), [visible, False])
@@ -328,7 +328,7 @@ def test_harm_is_visible_from_four_per_cent_of_the_square_and_sure_from_one_stan
         np.testing.assert_array_equal(harmed(errors(spread(11.0, 4.0 / share)), errors(10.0)), [share > 1.0])
 
 
-def test_help_is_worth_a_term_from_a_tenth_of_the_square_on():
+def test_an_effect_must_lower_the_mean_square_by_a_tenth():
     before = errors(2.0, 9.0)
     for share, confirmed in ((0.095, False), (0.105, True)):
         after = errors(2.0, 9.0 * (1.0 - share))
@@ -344,15 +344,15 @@ def test_shares_of_joints_add_up(first, second, confirmed):
     assert confirms(after, errors(1e-4, 1e4, 1.0), {0, 1}) is confirmed
 
 
-def test_help_must_be_sure():
+def test_a_drop_must_exceed_its_standard_error():
     """A fall of a third, by some standard errors."""
     for deviations, confirmed in ((1.3, False), (1.7, True)):
         scatter = 1.0 / deviations * np.sqrt(TUNING.blocks)
         assert confirms(errors(spread(2.0, scatter)), errors(3.0), [0]) is confirmed
 
 
-def test_help_is_weighed_against_harm_elsewhere():
-    """Much help in two blocks, nothing in others or twice the square in half of them; then a loss in another joint."""
+def test_a_drop_in_one_joint_is_weighed_against_a_rise_in_another():
+    """A large drop in two blocks, none in others or a double square in half of them; then a rise in another joint."""
     acts = np.isin(np.arange(TUNING.blocks), (5, 6)).astype(float)
     before = errors(1.0 + 9.0 * acts)
     for elsewhere in (0.0, 1.0):
@@ -363,7 +363,7 @@ def test_help_is_weighed_against_harm_elsewhere():
         assert confirms(errors(0.4, 5.0 * (1.0 + rise)), errors(2.0, 5.0), [0]) is confirmed
 
 
-def test_joints_without_samples_say_nothing():
+def test_joints_without_samples_do_not_count():
     before = CrossValidation(np.zeros((TUNING.blocks, 1)), np.zeros((TUNING.blocks, 1), dtype=int))
     assert not confirms(before, before, [0])
     np.testing.assert_array_equal(harmed(before, before), [False])

@@ -1,4 +1,4 @@
-"""Which effects a final fit lets stay: one number three standard deviations from zero is enough."""
+"""Effects that remain after the final fit: one number three standard deviations from zero is enough."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ def entered(source, **options):
         ((1.0, 2.0), (np.nan, np.nan), False),
     ],
 )
-def test_an_effect_is_nothing_if_no_number_is_three_sd_from_zero(values, sds, nothing):
-    """One without a standard deviation says nothing, and where none has one nothing is said."""
+def test_an_effect_is_insignificant_if_no_number_is_three_sd_from_zero(values, sds, nothing):
+    """A number without a standard deviation is skipped; an effect without any is not tested."""
     model = BASE.extend(RIPPLE)
     theta, sd = np.full(len(model.parameters), 100.0), np.full(len(model.parameters), 1.0)
     theta[-2:], sd[-2:] = values, sds

@@ -43,8 +43,8 @@ def test_likelihood_is_that_of_the_dense_normal_once_the_beginning_is_forgotten(
     assert whole - beginning == pytest.approx(expected, rel=1e-9)
 
 
-def test_samples_that_do_not_count_do_not_count():
-    """Whatever stands in their place."""
+def test_unused_samples_change_nothing():
+    """For any values of unused samples."""
     error = MODELS["both"]
     residual = draws(error, 300, 1, 5)[:, 0]
     used = np.arange(300) % 60 >= 13
@@ -123,7 +123,7 @@ def test_fit_of_smooth_errors_is_likeliest_with_the_largest_share():
     assert value > likeliest - 0.05
 
 
-def test_nothing_left_is_no_error():
+def test_a_zero_residual_gives_a_zero_error():
     found, value = fit_error(np.zeros(100), everything(100), RATE)
     assert found.sigma < 1e-100
     assert np.isfinite(value)

@@ -22,7 +22,7 @@ NOT_THE_FIRST = slice(20, None)  # at the beginning a delayed motion is not know
 
 
 class Case:
-    """A model, what is known of it, and coefficients that have moved since."""
+    """A model, its prior, and changed coefficients."""
 
     def __init__(self, terms=STANDARD):
         rng = np.random.default_rng(7)
@@ -68,7 +68,7 @@ class Case:
 
 
 def extended(case, fitted_effects):
-    """Whatever the log was: the explanation has said all of it."""
+    """Extension from a fit alone."""
     magnitude = np.abs(case.effort)
     used = np.ones(magnitude.shape, dtype=bool)
     return ModelledLog(case.knowledge, case.coefficients, MOTION, magnitude, used, 100.0).extended(fitted_effects)
@@ -128,7 +128,7 @@ def test_a_change_moves_the_models_own_parameters(full):
     assert_close(extension.model.effort(OTHER, extension.theta), elsewhere, 1e-9)
 
 
-def test_of_what_has_changed_less_is_known(full):
+def test_the_prior_of_changed_parameters_is_wider(full):
     found = [full.found("coulomb_friction", (2,)), full.found("joint_spring", (1,))]
     extension = full.extended(found, [[-0.6], [2.0, 0.3]])
     expected = full.knowledge.widened(("Fc2",), found[0].columns.sd)
@@ -139,7 +139,7 @@ def test_of_what_has_changed_less_is_known(full):
 
 
 def test_parameters_stay_where_the_log_says_nothing(full):
-    """The same coefficients again: then the parameters are the ones known before, not the shortest ones."""
+    """Equal coefficients give the earlier parameters, not those of least norm."""
     same = full.coefficients.project(full.knowledge.theta)
     fitted_effects = full.explained([], [])
     object.__setattr__(fitted_effects, "beta", same)

@@ -90,7 +90,7 @@ def three_of_one_joint(seed=5):
     return Regression(observed(columns, effort), hypotheses, [WHITE])
 
 
-def test_what_becomes_needless_goes():
+def test_unnecessary_effects_are_removed():
     products = three_of_one_joint()
     assert np.argmax(products.gains((), products.effects)) == 0
     assert names(select_forward(products, needed=NEEDED, most=1)[1]) == [("sum", (1,))]
@@ -98,8 +98,8 @@ def test_what_becomes_needless_goes():
     assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
 
 
-def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
-    """The wide one holds what there is, and a column of no use; beside it something else of the joint."""
+def test_the_equivalent_effect_with_fewest_columns_is_taken():
+    """The wider effect has the true column and a useless one; another effect acts in the joint too."""
     rng, columns, effort = log_of(6, 0.2, joints=1)
     there, useless, more = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
     effort[:, 0] += 1.3 * there - 0.7 * more
@@ -113,7 +113,7 @@ def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
 
 
 def test_an_effect_that_harms_another_joint_is_refused():
-    """Its one amplitude is right in the first joint, where it says a lot, and wrong in the second."""
+    """Its amplitude is right in the first joint, where it has a large effect, and wrong in the second."""
     rng, columns, effort = log_of(11, 0.3)
     rows = waves(rng, LOG, 1, slowest=3.0)
     effort[:, 0] += 1.5 * rows[:, 0]
@@ -126,8 +126,8 @@ def test_an_effect_that_harms_another_joint_is_refused():
     assert names(chosen) == [honest.key]
 
 
-def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
-    """A distortion, its first form and its right one, and a term that looks like most of it."""
+def test_a_relinearised_distortion_replaces_similar_effects():
+    """A distortion in its first and its true form, and a term similar to it."""
     rng, columns, effort = log_of(13, 0.2, joints=1)
     own, change, other = waves(rng, LOG, 3, slowest=20.0, fastest=60.0).T
     effort[:, 0] += 1.5 * own + change
@@ -147,7 +147,7 @@ def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
     assert np.sqrt(np.mean(found.residual(chosen) ** 2)) == pytest.approx(0.2, rel=0.1)
 
 
-def test_a_selection_may_begin_with_what_is_only_worth_it_together():
+def test_a_selection_may_start_with_effects_that_help_only_together():
     """Signal in two columns that nearly cancel: neither helps alone, so growth from nothing adds none."""
     rng, columns, effort = log_of(19, 0.2, joints=1)
     common, small = waves(rng, LOG, 2, slowest=20.0, fastest=60.0).T
@@ -170,7 +170,7 @@ def test_an_effect_of_more_joints_takes_the_place_of_itself_in_fewer():
     assert names(chosen) == [both.key]
 
 
-def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
+def test_the_most_harmful_effect_is_removed_for_good(monkeypatch):
     """Without "one" the error is the larger, so "other" is blamed for a harm that is made up."""
     kept = names(select_forward(three_of_one_joint(), **RULES)[1])
     monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)

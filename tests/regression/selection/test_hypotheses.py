@@ -141,7 +141,7 @@ def test_distortions_have_shifts_and_slopes_where_they_act():
             assert any(np.allclose(one.columns.sd, sd) for sd in typical)
 
 
-def test_what_leaves_no_trace_in_used_samples_is_left_out():
+def test_effects_that_change_no_used_sample_are_left_out():
     """A dead zone that only unused samples reach; and nothing is clipped that the model does not exceed."""
     one = case()
     calm = replace(one.scene, measured=one.measured + 2.0 * np.abs(one.effort).max())
@@ -179,7 +179,7 @@ HELD = {"viscous_friction": "Fv", "coulomb_friction": "Fc", "torque_offset": "of
 
 
 @pytest.mark.parametrize("name", ["coulomb_friction", "torque_offset"])
-def test_what_the_model_holds_may_have_changed_either_way(name):
+def test_existing_effects_may_change_with_either_sign(name):
     found = case().of(name)
     assert [one.changes for one in found] == [(f"{HELD[name]}{j}",) for j in (1, 2, 3)]
     assert [one.joints for one in found] == [(1,), (2,), (3,)]
@@ -212,7 +212,7 @@ def test_a_change_has_the_shape_of_the_models_own_term():
 USED = np.ones(MOTION.dq.shape, dtype=bool)
 
 
-def test_a_turn_at_once_differs_near_standstill_alone():
+def test_a_sharp_reversal_differs_near_standstill_only():
     """tanh(4 u' / v) - tanh(u' / v) in each joint's own row, v a hundredth of the highest speed."""
     columns = near_standstill(BASE, MOTION, SIZE, USED)
     for j in range(2):

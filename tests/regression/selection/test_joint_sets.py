@@ -110,7 +110,7 @@ def test_an_amplitude_that_cannot_be_negative(problem):
         assert scores[0] - scores[1] == pytest.approx(np.log(np.trapezoid(density, grid)), abs=1e-4)
 
 
-def test_a_pair_that_something_else_resembles():
+def test_a_pair_of_effects_that_a_third_one_resembles():
     """One effect after the other would begin with the look-alike."""
     rng = np.random.default_rng(3)
     t = np.linspace(0.0, 9.0, 600)

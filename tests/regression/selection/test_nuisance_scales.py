@@ -1,4 +1,4 @@
-"""Effects that may be there: scales against densities on a grid, coefficients that they look like, and the geometry."""
+"""Effects that cannot be excluded: scales against densities on a grid, confounded coefficients, and the geometry."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -112,8 +112,8 @@ def test_scales_of_several_groups_are_a_common_maximum():
     assert np.all(doubled < -0.3)
 
 
-def test_what_the_log_cannot_show_vanishes():
-    """Columns of a thousandth of the error, and large ones of effects that are not there."""
+def test_effects_that_the_log_cannot_show_vanish():
+    """Columns of a thousandth of the error, and large ones of absent effects."""
     case = Case([[0.5], [1.0, 1.0], [0.8]], [[1.3], [0.0, 0.0], [0.0]], seed=7)
     case.rows[2] *= 1e-3
     found = case.learned()
@@ -128,7 +128,7 @@ def test_what_the_log_cannot_show_vanishes():
 
 
 @pytest.mark.parametrize("amplitude", [0.2, 6.0])
-def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
+def test_a_stated_tolerance_never_shrinks_but_may_grow(amplitude):
     amplitudes, there = [[amplitude, 2.0 * amplitude], [0.9]], [True, False]
     case = Case([[1.0, 2.0], [0.5]], amplitudes, seed=2, least=[1.0, 0.0], there=there)
     found = case.learned()
@@ -144,7 +144,7 @@ def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 5.0])
-def test_what_is_there_in_any_case_has_the_mean_square_that_belief_and_log_leave(amplitude):
+def test_the_scale_of_a_certain_group_is_its_posterior_mean_square(amplitude):
     """By densities of all rows, on an even grid, beside another group that is searched for."""
     case = Case([[1.0, 0.5, 2.0], [0.5]], [amplitude * np.array([0.9, -0.6, 1.7]), [1.3]], seed=6, there=[True, False])
     found = case.learned()
@@ -167,7 +167,7 @@ def with_collinear(part, sd=(0.5, 2.0), seed=3, *, there=False):
 
 
 @pytest.mark.parametrize("part", [0.0, 0.02])
-def test_what_the_models_columns_stand_for_is_left_to_them(part):
+def test_directions_in_the_span_of_the_model_are_left_out(part):
     """Only the amplitudes that are no multiple of (1, 1) count, in units of what was believed of them."""
     case = with_collinear(part)
     found = case.learned()
@@ -233,7 +233,7 @@ def test_a_geometry_far_off_names_what_it_makes_uncertain(scale, expected):
     assert geometry_far_off(scale, by_geometry, NAMES, SD) == expected
 
 
-def test_a_geometry_far_off_that_moves_nothing_is_not_spoken_of():
+def test_a_geometry_error_without_effect_is_not_reported():
     assert geometry_far_off(9.0, np.full(5, 0.01), NAMES, SD) == ()
 
 
@@ -260,7 +260,7 @@ def identified_arm(spring=(0.0, 0.0), alpha=np.pi / 2.0):
 
 @pytest.mark.parametrize("spring", [(0.0, 0.0), SPRING])
 def test_a_counterbalance_is_gravity_to_the_log_and_its_coefficients_are_named(spring):
-    """With a spring the first link's first moments are wrong by many standard deviations, and nothing shows it."""
+    """A spring makes the first link's first moments wrong by many standard deviations, without a visible residual."""
     result = identified_arm(spring)
     assert "gravity_spring" not in {effect.effect for effect in result.model_selection.effects}
     (found,) = [one for one in result.model_selection.too_narrow if one.joints == (1,)]
@@ -377,14 +377,14 @@ def shift_along_y(length):
 
 
 @pytest.mark.parametrize(("length", "angle", "kept"), [(0.0, 0.005, [3, 4, 5]), (0.002, 0.0, [0, 1, 2])])
-def test_what_is_exact_has_no_columns(length, angle, kept):
+def test_exact_geometry_has_no_columns(length, angle, kept):
     table, motion, clouds = made()
     every = columns_of(table, motion, clouds).reshape(5, JOINTS, JOINTS, 6)
     found = columns_of(table, motion, clouds, KinematicTolerance(length=length, angle=angle))
     np.testing.assert_array_equal(found, every[..., kept].reshape(5, JOINTS, -1))
 
 
-def test_what_is_no_tolerance_is_refused():
+def test_an_invalid_tolerance_is_refused():
     for length, angle in ((-1e-3, 0.1), (1e-3, -0.1), (np.nan, 0.1), (1e-3, np.inf)):
         with pytest.raises(ValueError, match="_sd"):
             KinematicTolerance(length=length, angle=angle)

@@ -127,7 +127,7 @@ def test_evidence_of_two_amplitudes_is_the_integral(positive, amount, tolerance,
     assert gain == pytest.approx(expected - nothing, abs=tolerance)
 
 
-def test_what_is_left_is_judged_by_its_own_likeliest_error():
+def test_the_residual_gets_its_own_likeliest_error_model():
     """As noise within the limits, or as anything, at the price of log N, whichever is likelier."""
     data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
     found = explained(data)
