@@ -197,7 +197,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     return {
         "expected": case.kind,
         "found": "" if found is None else found.kind,
-        "said": "" if found is None else found.said,
+        "said": "" if found is None else found.message,
         "stopped": stopped,
         "sure": sure,
         "sure_wrong": wrong,

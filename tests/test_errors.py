@@ -53,9 +53,9 @@ def test_terms_and_options_are_named_as_arguments(log):
     assert refusal(bayesid.Sampling, mode=0).startswith("`Sampling.mode`: ")
     assert refusal(bayesid.ParameterPrior, link_mass=-1.0).startswith("`ParameterPrior.link_mass`: ")
     assert refusal(bayesid.ParameterPrior, angle_sd=-1.0).startswith("`ParameterPrior.angle_sd`: ")
-    assert refusal(bayesid.identify, robot, log, search="beam").startswith("search: 'beam' is no search")
-    assert refusal(bayesid.identify, robot, log, posterior=60.0).startswith("posterior: 60.0 is no sampling")
-    assert refusal(bayesid.identify, robot, log, prior={"m2": (1.0, 0.1)}).startswith("prior: dict is no prior")
+    assert refusal(bayesid.identify, robot, log, search="beam").startswith("search: 'beam' is not a search")
+    assert refusal(bayesid.identify, robot, log, posterior=60.0).startswith("posterior: 60.0 is not a sampling")
+    assert refusal(bayesid.identify, robot, log, prior={"m2": (1.0, 0.1)}).startswith("prior: dict is not a prior")
     fast = bayesid.Preprocessing(cutoff=99.0)
     assert refusal(bayesid.identify, robot, log, preprocessing=fast).startswith("`cutoff`: ")
 

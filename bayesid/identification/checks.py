@@ -1,6 +1,6 @@
-"""Checks of an identification: what was seen, how it stands, and what to do. Those that fail are its warnings.
+"""Checks of an identification; those that are not good become its warnings.
 
-A check and its sentence are defined once: here where an identification warns of it, else in `bayesid.report.verdicts`.
+Checks that the report alone makes are in `bayesid.report.verdicts`.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from bayesid.signs.tuning import TUNING as SIGNS
 State = Literal["good", "look", "bad", "not done"]
 
 TELL_APART = "record a motion that loads or accelerates these joints"
-ALTERNATIVES = "the report shows where they differ; the posterior weighs them"
-FACTOR_REMEDY = "add a log with a weighed --payload, or give one gain that you trust as exact"
+ALTERNATIVES = "the report shows where the assignments differ; the posterior weights them"
+FACTOR_REMEDY = "add a log with a weighed --payload, or state one gain as exact"
 _MORE_TIME = "give a larger --time-limit"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One traffic light."""
+    """One check with its result."""
 
-    name: str  #: of what was checked; empty for a remark on the log
-    state: State  #: how it stands
+    name: str  #: what was checked; empty for a remark on the log
+    state: State  #: result
     message: str  #: what was seen, one sentence
-    remedy: str = ""  #: what to do about it; empty where nothing is to be done
-    value: float | None = None  #: that was judged; None where it is no number
-    limit: float | None = None  #: up to which, or from which on, it is good
+    remedy: str = ""  #: what to do; empty if nothing
+    value: float | None = None  #: checked number, if it is one
+    limit: float | None = None  #: limit of the good range
 
     def __str__(self) -> str:
         return f"{self.message}; {self.remedy}" if self.remedy else self.message
@@ -64,11 +64,11 @@ def warnings_of(
     Args:
         log: the raw log.
         averaged: signs and fit.
-        model_error_probability: (n,) probability that signs are guesses because the model is not the robot's.
-        posterior: draws; None if it was not asked for.
-        reading: of the log, that explains it better than the one given; None without one.
-        gains: where they were unknowns.
-        nominal: what was stated of the parameters.
+        model_error_probability: (n,) probability that the model is too wrong to tell the signs.
+        posterior: draws, if sampled.
+        reading: a reading that explains the log better than the given one, if any.
+        gains: identified gains, if they were unknown.
+        nominal: stated parameters.
     """
     checks = (
         *([] if reading is None else [another_robot(reading)]),
@@ -86,73 +86,73 @@ def warnings_of(
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Checks that a report makes too
+# Checks that the report makes too
 # ---------------------------------------------------------------------------------------------------------------
 def another_robot(reading: Misreading) -> Check:
-    """A log is explained better if it is read otherwise than it was given."""
-    return Check("Robot file", "bad", reading.told, reading.remedy or "check the robot file")
+    """Another reading explains the log better than the given one."""
+    return Check("Robot file", "bad", reading.message_with_odds, reading.remedy or "check the robot file")
 
 
 def low_pass(cutoff: str) -> Check:
-    """|effort| has passed a low-pass, in words, after it was rectified."""
-    message = f"|effort| was low-passed after it was rectified, at about {cutoff}; signs near zero are less sure"
+    """|effort| was low-passed after rectification, with this filter."""
+    message = f"|effort| was low-passed after rectification, at about {cutoff}; signs near zero are less certain"
     return Check("Low-pass after the rectifier", "look", message, "log |effort| unfiltered, or filter it with its sign")
 
 
 def not_excited(count: int | str, of: int) -> Check:
-    """A log does not show some coefficients."""
+    """The motion does not excite some coefficients."""
     message = f"the log does not excite {count} of {of} coefficients"
     return Check("Excitation", "bad", message, "record a motion that moves more joints at once")
 
 
 def no_effort(joints: Sequence[int], names: Sequence[str]) -> Check:
-    """Joints, from 1, of which no effort in motion is known, and the coefficients, by name, that go with them."""
+    """Joints (from 1) without a recorded effort in motion, and the names of the coefficients lost with them."""
     whose = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
     what = ", ".join(names) if names else "coefficients of friction, offset and rotor"
-    message = f"{whose} show{'s' * (len(joints) == 1)} no effort in motion: {what} cannot be identified"
+    message = f"{whose}: no effort recorded in motion; {what} cannot be identified"
     return Check("Excitation", "bad", message, "check the sensor, and that the joint moves")
 
 
 def poor_fit(relative_residual: Sequence[float], *, hidden: bool) -> Check:
-    """A model leaves much of the effort of some joints, (n,) shares, of a log with hidden signs or without."""
-    left = [f"{share:.0%} in joint {j}" for j, share in enumerate(relative_residual, 1) if share > REGRESSION.poor_fit]
-    message = f"much of the effort is unexplained: {', '.join(left)}"
-    remedy = f"a term is missing{', or signs are wrong whatever their confidence' * hidden}"
+    """The relative residual (n,) of some joints is large; `hidden` if some signs are unknown."""
+    poor = [f"{share:.0%} in joint {j}" for j, share in enumerate(relative_residual, 1) if share > REGRESSION.poor_fit]
+    message = f"large residual: {', '.join(poor)} of the RMS effort; up to {REGRESSION.poor_fit:.0%} is expected"
+    remedy = f"a term is missing{', or signs are wrong despite their confidence' * hidden}"
     return Check("Fit", "bad", message, remedy)
 
 
 def not_proven(cost: float, lower_bound: float | None, uncertified_because: str, timed_out: bool) -> Check:
-    """A proof was tried, and no search has excluded every other assignment; numbers as in `SearchResult`."""
+    """The search did not exclude every other assignment; arguments as in `SearchResult`."""
     if uncertified_because:
         why = {
-            "tikhonov": "the data alone prefer another listed assignment; what is assumed of links decides",
-            "noise": "the best assignment depends on the noise level assumed of each joint",
+            "tikhonov": "the data alone prefer another listed assignment; the assumed typical links decide",
+            "noise": "the best assignment depends on the assumed noise level of each joint",
         }
         return Check("Proof", "look", f"not proven ({why[uncertified_because]})", f"{TELL_APART}; {ALTERNATIVES}")
     if timed_out or lower_bound is None:
         return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
     gap = cost - lower_bound
-    found = f"other signs may leave a squared residual that is up to {gap / max(cost, TINY):.1%} smaller"
+    found = f"the squared residual of another assignment may be up to {gap / max(cost, TINY):.1%} smaller"
     message = f"not proven ({found if gap < cost else 'no lower bound was found'})"
     return Check("Proof", "look", message, "give more --search-budget, or a longer log")
 
 
 def contradiction(share: float) -> Check:
-    """Search and posterior do not agree: confidences hold both signs for possible, unless most of a joint is meant."""
+    """Search and posterior disagree on signs with this share of a joint's effort."""
     message = f"search and posterior disagree on signs carrying up to {share:.0%} of a joint's effort"
     state: State = "bad" if share > 0.5 else "look"
     return Check("Proof", state, message, f"{TELL_APART}; or validate on a log with known signs")
 
 
 def confidences_lowered(model_error_probability: Sequence[float]) -> str:
-    """That (n,) signs are guesses with a probability, because the model is not the robot's."""
+    """How the (n,) probabilities that the model is too wrong to tell the signs limit the confidences."""
     shown = [(j, share) for j, share in enumerate(model_error_probability, start=1) if share >= TUNING.shown_doubt]
-    most = ", ".join(f"{1.0 - 0.5 * share:.2f} in joint {j}" for j, share in shown)
-    return f"the model's own error is large: no confidence is above {most}"
+    limits = ", ".join(f"{1.0 - 0.5 * share:.2f} in joint {j}" for j, share in shown)
+    return f"model error is large: confidences are at most {limits}"
 
 
 def convergence(max_rhat: float | None, min_ess: float | None) -> str:
-    """R-hat and effective sample size at worst; None where they are not finite."""
+    """Worst R-hat and effective sample size, in words; None if not finite."""
     rhat = "unknown" if max_rhat is None else f"{max_rhat:.3f}"
     size = "unknown" if min_ess is None else f"{min_ess:.0f}"
     return f"R-hat {rhat}, effective sample size {size}"
@@ -161,7 +161,7 @@ def convergence(max_rhat: float | None, min_ess: float | None) -> str:
 def sampling(
     converged: bool, timed_out: bool, rhat: tuple[float | None, float | None], ess: tuple[float | None, float | None]
 ) -> Check:
-    """Whether the draws have converged: R-hat and effective sample size, each with what is wanted of it, if known."""
+    """Whether the draws have converged: worst R-hat and effective sample size, each with its limit, if known."""
     name, (worst_rhat, most), (size, least) = "Sampling", rhat, ess
     if converged:
         return Check(name, "good", f"converged: {convergence(worst_rhat, size)}, at worst")
@@ -179,60 +179,57 @@ def sampling(
 
 
 def _above(value: float, limit: float) -> str:
-    """A number to as many digits as show that it is above a limit: 1.0102 where 1.01 is good."""
+    """A number with enough digits to show that it exceeds the limit: 1.0102 for a limit of 1.01."""
     return next((text for digits in range(2, 6) if float(text := f"{value:.{digits}f}") > limit), repr(value))
 
 
 def active_bounds(active_bounds: Mapping[str, float | None]) -> Check:
-    """The prior's windows, not the data, end some quantities, with the share of draws near the edge of each."""
-    parts = ", ".join(
-        f"{name} ({share or 0.0:.0%} of the draws near its edge)" for name, share in active_bounds.items()
-    )
-    message = f"the prior's window on the {parts} decides, not the data"
+    """Bounds of the prior that limit the posterior, with the share of draws near each."""
+    parts = ", ".join(f"{name} ({share or 0.0:.0%} of the draws near it)" for name, share in active_bounds.items())
+    message = f"the prior's bounds limit the posterior, not the data: {parts}"
     return Check("Data or prior", "bad", message, "give the scales of the links by --links")
 
 
-def modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> Check:
-    """Whether a log allows several models: their weights, and the joints (from 1) that each turns against the first."""
+def modes(weights: Sequence[float], flipped: Sequence[Sequence[int]], chosen: int = 0) -> Check:
+    """Whether the posterior has several modes: their weights, and the joints (from 1) flipped against the first."""
     others = [k for k in range(len(weights)) if k != chosen and weights[k] > TUNING.other_mode]
     if not others:
-        return Check("Modes", "good", f"no other model has more than {TUNING.other_mode:.0%} of the probability")
+        return Check("Modes", "good", f"no other mode has more than {TUNING.other_mode:.0%} of the probability")
     parts = []
     for k in others:
-        signs = (
-            f"signs of joint {', '.join(map(str, turned[k]))} turned round" if turned[k] else "single segments differ"
-        )
+        joints = ", ".join(map(str, flipped[k]))
+        signs = f"signs of joint {joints} flipped" if joints else "single segments differ"
         parts.append(f"{weights[k]:.2g} for mode {k + 1}{f' ({signs})' if k else ''}")
-    message = f"the log allows other models than mode {chosen + 1} ({weights[chosen]:.2g}): {', '.join(parts)}"
+    message = f"the posterior has other modes than mode {chosen + 1} ({weights[chosen]:.2g}): {', '.join(parts)}"
     return Check("Modes", "look", message, f"`--mode` writes another one; {TELL_APART} to tell them apart")
 
 
-def dear_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
-    """Those that contradict the log."""
-    dear = [one for one in prices if one.nats > TUNING.dear_constraint]
+def contradicted_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
+    """Constraints that the log contradicts, worst first."""
+    found = [price for price in prices if price.nats > TUNING.contradicted_constraint]
     return [
-        _remark(f"constraint {one.label} costs {one.nats:.0f} nats: the log contradicts it", "check it, and its frame")
-        for one in sorted(dear, key=lambda one: -one.nats)
+        _remark(f"the log contradicts constraint {price.label} by {price.nats:.0f} nats", "check it, and its frame")
+        for price in sorted(found, key=lambda price: -price.nats)
     ]
 
 
-def pressing(active_bounds: Mapping[str, float]) -> Check:
-    """Constraints that hold draws back, with the share of draws at the edge of each: for information."""
-    parts = ", ".join(f"{label} ({share:.1%} at its edge)" for label, share in active_bounds.items())
-    return _remark(f"draws press against constraint{'s' * (len(active_bounds) > 1)} {parts}")
+def active_constraints(shares: Mapping[str, float]) -> Check:
+    """Constraints that limit the posterior, with the share of draws on the boundary of each."""
+    parts = ", ".join(f"{label} ({share:.1%} of the draws on its boundary)" for label, share in shares.items())
+    return _remark(f"active constraint{'s' * (len(shares) > 1)}: {parts}")
 
 
-UNSETTLED_GAINS = Check("Gains", "bad", "signs and gains did not come to agree", "give narrower --gains")
+GAINS_NOT_CONVERGED = Check("Gains", "bad", "signs and gains did not converge", "give narrower --gains")
 
 
 def spread_in_words(relative_sd: float) -> str:
-    """A relative standard deviation: 12 %; a factor of 3.7."""
+    """A relative standard deviation: 12 %; if large, a factor of 3.7."""
     wide = relative_sd > TUNING.wide_factor
     return f"a factor of {math.exp(relative_sd):.2g}" if wide else f"{100.0 * relative_sd:.2g} %"
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What an identification warns of
+# Warnings of an identification
 # ---------------------------------------------------------------------------------------------------------------
 def _remark(message: str, remedy: str = "") -> Check:
     return Check("", "look", message, remedy)
@@ -243,29 +240,27 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
     yield from map(_remark, (*averaged.asked.model.robot.notes, *log.notes, *map(str, signals.faults)))
     for j in np.flatnonzero(still_joints(signals.motion.q)):
         start, end = signals.motion.t[[0, -1]]
-        message = f"joint {j + 1}: it stands still in all of the log, {start:.3f} to {end:.3f} s, and shows no friction"
-        yield _remark(f"{message} or sign", "if it moved, its positions were not read")
+        message = f"joint {j + 1} stands still in the whole log, {start:.3f} to {end:.3f} s"
+        yield _remark(f"{message}; its friction and signs are unknown", "if it moved, its positions were not read")
     least, most = log.effort.min(axis=0), log.effort.max(axis=0)
     largest = np.maximum(most, -least)
-    hardly = log.signed & (least > -TUNING.undershoot * largest) & (log.encoding is None)
-    for j in np.flatnonzero(hardly):
-        remedy = f"if it was rectified and then filtered, say --unsigned {j + 1}"
+    nonnegative = log.signed & (least > -TUNING.undershoot * largest) & (log.encoding is None)
+    for j in np.flatnonzero(nonnegative):
+        remedy = f"if it was rectified and then filtered, give --unsigned {j + 1}"
         yield _remark(f"the effort of joint {j + 1} is hardly ever negative", remedy)
     if (after := signals.after_rectifier) is not None:
         yield low_pass(str(after.low_pass))
 
 
 def independent_instants(signals: Signals) -> int:
-    """Of a motion below its cut-off, which is known from two values a period (Nyquist's rate)."""
+    """Number of independent samples of a motion: two per period of its cut-off (Nyquist rate)."""
     return int(len(signals.motion.t) * min(1.0, 2.0 * signals.cutoff / signals.rate))
 
 
 def _of_the_length(averaged: AveragedSigns) -> Iterator[Check]:
     independent, count = independent_instants(averaged.asked.log_data.signals), len(averaged.fit.sd)
     if independent < count:
-        message = (
-            f"the log is too short to identify {count} coefficients from {independent} independent samples a joint"
-        )
+        message = f"the log is too short: {independent} independent samples per joint for {count} coefficients"
         yield _remark(message, "record a longer log, or join several")
 
 
@@ -275,12 +270,12 @@ def _of_the_fit(fit: Fit, *, hidden: bool) -> Iterator[Check]:
 
 
 def _of_links(nominal: NominalParameters, n_links: int) -> bool:
-    """Whether something is stated of single parameters of links, the first ten times as many."""
+    """Whether a parameter of a link is stated; links have the first 10 `n_links` parameters."""
     return bool(np.isfinite(nominal.mean[: 10 * n_links]).any())
 
 
 def _of_the_excitation(fit: Fit, log_data: LogData) -> Iterator[Check]:
-    """Of coefficients that are not known, those of joints without an effort are told from those of a poor motion."""
+    """Coefficients that cannot be identified: those of joints without an effort, and those that were not excited."""
     unknown, known = np.flatnonzero(np.isinf(fit.sd)).tolist(), log_data.coefficients
     blind = (np.flatnonzero(~log_data.used.any(axis=0)) + 1).tolist() if unknown else []
     of_blind = [known.names[k] for k in unknown if log_data.model.parameters[known.selected[k]].joint in blind]
@@ -291,16 +286,16 @@ def _of_the_excitation(fit: Fit, log_data: LogData) -> Iterator[Check]:
 
 
 def on_edge(fit: Fit, n_links: int) -> list[Check]:
-    """Said where single parameters were asked for: bodies beyond the links are what the last one carries."""
+    """Bodies whose fitted inertia is at the edge of the cone; bodies beyond the links are payloads."""
     bodies = (np.flatnonzero(fit.on_edge) + 1).tolist()
     if not bodies:
         return []
     links = [str(k) for k in bodies if k <= n_links]
     parts = [f"of link{'s' * (len(links) > 1)} {', '.join(links)}"] if links else []
-    parts += ["of what the last link carries"] if bodies[-1] > n_links else []
-    message = f"single inertial parameters {' and '.join(parts)} cannot be trusted: the fit is at the edge of what is "
+    parts += ["of the payload"] if bodies[-1] > n_links else []
+    message = f"single inertial parameters {' and '.join(parts)} are unreliable: the fit is at the edge of what is "
     message += "physically possible; coefficients and predicted efforts are not affected"
-    return [_remark(message, "state more of what is known of them by --nominal")]
+    return [_remark(message, "state known parameters by --nominal")]
 
 
 def _of_the_signs(averaged: AveragedSigns, model_error_probability: Array) -> Iterator[Check]:
@@ -309,16 +304,16 @@ def _of_the_signs(averaged: AveragedSigns, model_error_probability: Array) -> It
     if not search.certified and (search.lower_bound is not None or search.timed_out):  # a beam proves nothing
         yield not_proven(search.cost, search.lower_bound, search.uncertified_because, search.timed_out)
     few = signs.unresolved < TUNING.shown_doubt * len(search.signs) or signs.rounds < SIGNS.search_rounds
-    if signs.unresolved and not (search.certified and few):  # else a few samples near zero, whose signs are smoothed
+    if signs.unresolved and not (search.certified and few):  # a few samples near zero are left to smoothing
         segments = "1 segment still crosses" if signs.unresolved == 1 else f"{signs.unresolved} segments still cross"
-        yield _remark(f"{segments} zero after {signs.rounds} searches")
+        yield _remark(f"predicted effort: {segments} zero after {signs.rounds} searches")
     if fit.tolerance > TUNING.solver_gap:
-        yield _remark(f"the final fit reached a relative gap of {fit.tolerance:g} only")
+        yield _remark(f"relative gap of the final fit: {fit.tolerance:g}, at most {TUNING.solver_gap:g} is expected")
     if not averaged.by_asked:
         known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
         added = [effect for effect in averaged.sign_solution.model.effects if (effect.name, effect.joints) not in known]
         missing = ", ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in added)
-        message = f"the model lacks {missing}: these terms explain the log far better, and signs rest on them"
+        message = f"the model lacks {missing}: these terms explain the log far better, and signs were found with them"
         yield _remark(message, "add them to `terms`")
     if model_error_probability.max(initial=0.0) >= TUNING.shown_doubt:
         yield _remark(confidences_lowered(model_error_probability.tolist()))
@@ -331,10 +326,10 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
     if posterior.active_bounds:
         yield active_bounds(dict(posterior.active_bounds))
     if posterior.active_constraints:
-        yield pressing(posterior.active_constraints)
+        yield active_constraints(posterior.active_constraints)
     weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
     if asked > len(weights):
-        yield _remark(f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written")
+        yield _remark(f"the posterior has {len(weights)} modes, no mode {asked}: the heaviest is written")
     else:
         yield modes(weights, [posterior.turned_joints(k) for k in range(len(weights))], posterior.chosen)
     if posterior.posterior_conflict is not None and posterior.posterior_conflict > TUNING.posterior_conflict:
@@ -343,26 +338,26 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
 
 def _of_the_gains(gains: IdentifiedGains) -> Iterator[Check]:
     if not gains.converged:
-        yield UNSETTLED_GAINS
+        yield GAINS_NOT_CONVERGED
     if gains.factor_decided_by == BY_PRIOR:
-        source = "by what arms of its length weigh" if gains.stated.unknown.any() else "by the prior"
+        source = "from the mass of arms of this length" if gains.stated.unknown.any() else "from the prior"
         known = f"efforts, masses and frictions are known to {spread_in_words(gains.factor_sd)}, {source} only"
-        message = f"the log does not tell the factor common to all gains: {known}"
+        message = f"the log does not show the factor common to all gains: {known}"
         yield Check("Gains", "look", message, FACTOR_REMEDY)
 
 
 def _contradicted(log_data: LogData, fit: Fit, nominal: NominalParameters) -> Iterator[Check]:
-    """Parameters that the log shows by themselves, and not as they were stated."""
+    """Stated parameters that the log shows individually, with another value."""
     projection = log_data.coefficients.projection
     for row in np.flatnonzero(np.count_nonzero(projection, axis=1) == 1).tolist():
         place = int(np.flatnonzero(projection[row])[0])
         value, sd = fit.beta[row] / projection[row, place], fit.sd[row] / abs(projection[row, place])
         stated, spread = nominal.mean[place], nominal.sd[place]
         far = abs(value - stated) / np.hypot(sd, spread)
-        if far > TUNING.contradicts:  # not where nothing is stated: NaN
+        if far > TUNING.contradicts:  # NaN if nothing is stated
             name = log_data.model.parameters[place].name
             yield _remark(
-                f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone says {value:.4g} +- {sd:.2g}: "
+                f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone gives {value:.4g} +- {sd:.2g}: "
                 f"{far:.0f} standard deviations apart",
-                "check it; where gains may be off, state them as uncertain, as in --gains 12~20%,..",
+                "check it; if gains may be wrong, state them as uncertain, as in --gains 12~20%,..",
             )

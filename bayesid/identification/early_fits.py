@@ -1,4 +1,4 @@
-"""A reading of a log, fitted before its signs are searched; and the factor that one joint's efforts may need."""
+"""A reading of a log, fitted before the sign search, and the best factor for the efforts of one joint."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from scipy.optimize import minimize_scalar
 
 from bayesid.arrays import Array
 from bayesid.errors import SolverError
-from bayesid.identification.readings import Fitted, Left
+from bayesid.identification.readings import Fitted, ReadingResidual
 from bayesid.identification.tuning import TUNING
 
 _NAMED_UNITS = {1e-3: "in N mm, not N m", 1e3: "in kN m, not N m"}
-"""By the factor that puts efforts right."""
+"""Factor that corrects the efforts: its meaning."""
 
 
-def rms_of(left: Left) -> float:
+def rms_of(residual: ReadingResidual) -> float:
     """Relative residual over all joints."""
-    return left.rms
+    return residual.rms
 
 
-def score_of(left: Left) -> float:
-    """The less the better: all joints count alike, however poorly some are explained."""
-    return float(np.log(left.share).sum())
+def score_of(residual: ReadingResidual) -> float:
+    """Sum of the logarithms of the joints' relative residuals; smaller is better."""
+    return float(np.log(residual.share).sum())
 
 
 @dataclass(frozen=True)
@@ -32,56 +32,56 @@ class EarlyFit:
     """A reading's fits before signs are known."""
 
     fitted: Fitted
-    sides: list[Array]  #: efforts (N, n) to begin with
-    left: Left  #: of them by least squares
+    starts: list[Array]  #: efforts (N, n) with initial signs
+    residual: ReadingResidual  #: by least squares
 
     @classmethod
-    def of(cls, fitted: Fitted, drawn: Array, found: dict[tuple[object, ...], Array]) -> EarlyFit:
-        """Signs are looked for from drawn parameters, where other readings have not `found` them already."""
+    def of(cls, fitted: Fitted, drawn: Array, cache: dict[tuple[object, ...], Array]) -> EarlyFit:
+        """Fits signs, starting from drawn parameters; `cache` holds those that readings have in common."""
         known = fitted.signed.all()
-        sides = [fitted.effort] if known else fitted.sides(fitted.by_joint(drawn, found))
-        return cls(fitted, sides, fitted.left(sides))
+        starts = [fitted.effort] if known else fitted.best_flips(fitted.by_joint(drawn, cache))
+        return cls(fitted, starts, fitted.residual(starts))
 
     @property
     def score(self) -> float:
-        """The less the better, before feasibility is known."""
-        return score_of(self.left)
+        """`score_of` the least-squares residual."""
+        return score_of(self.residual)
 
     @cached_property
-    def feasible(self) -> Left:
-        """What feasible parameters leave, or all where there are none."""
+    def feasible(self) -> ReadingResidual:
+        """Residual of feasible parameters; by least squares if the solver fails."""
         try:
-            return self.fitted.feasible(self.sides, TUNING.hardly_feasible * self.left.rms)
+            return self.fitted.feasible(self.starts, TUNING.hardly_feasible * self.residual.rms)
         except SolverError:
-            return self.left
+            return self.residual
 
-    def begun(self, other: EarlyFit) -> EarlyFit:
-        """From one more start: signs that suit another reading; of joints that it reads alike, or of all."""
+    def started_from(self, other: EarlyFit) -> EarlyFit:
+        """Fitted also from another reading's signs: of all joints, and of those that both read alike."""
         if self.fitted.signed.all():
             return self
         fitted, alike = self.fitted, ~(self.fitted.reading.changed | other.fitted.reading.changed)
-        starts = [fitted.with_signs_of(other.left.effort)]
+        starts = [fitted.with_signs_of(other.residual.effort)]
         if alike.any() and not alike.all():
-            starts.append(fitted.in_turn(starts[0], alike))
-        left = min([self.left, *(fitted.left([start]) for start in starts)], key=score_of)
-        return EarlyFit(fitted, [*self.sides, *starts, fitted.with_signs_of(left.effort)], left)
+            starts.append(fitted.signs_from(starts[0], alike))
+        residual = min([self.residual, *(fitted.residual([start]) for start in starts)], key=score_of)
+        return EarlyFit(fitted, [*self.starts, *starts, fitted.with_signs_of(residual.effort)], residual)
 
     def polished(self) -> EarlyFit:
-        """With each joint's signs begun anew from what the others tell."""
+        """With each joint's signs restarted from the fit to the other joints."""
         if self.fitted.signed.all():
             return self
-        left = self.fitted.polished(self.left)
-        more = self.fitted.sides(self.fitted.with_signs_of(left.effort))
-        return EarlyFit(self.fitted, [*more, *self.sides], left)
+        residual = self.fitted.polished(self.residual)
+        more = self.fitted.best_flips(self.fitted.with_signs_of(residual.effort))
+        return EarlyFit(self.fitted, [*more, *self.starts], residual)
 
     def refined(self) -> EarlyFit:
-        """Polished, and with the factor of one joint's efforts that explains them best."""
+        """Polished; if one joint's efforts have other units, with the best factor for them."""
         reading = self.fitted.reading
         if not (reading.of_one_joint and np.any(reading.units != 1.0)):
             return self.polished()
         (joint,) = np.flatnonzero(reading.units != 1.0).tolist()
 
-        def times(log_factor: float) -> Fitted:
+        def scaled(log_factor: float) -> Fitted:
             near = [by for by in _NAMED_UNITS if abs(log_factor - np.log(by)) < TUNING.factor_known]
             factor = near[0] if near else float(np.exp(log_factor))
             by = np.where(np.arange(len(reading.units)) == joint, factor, 1.0)
@@ -89,18 +89,18 @@ class EarlyFit:
             return Fitted(other, self.fitted.excerpt, self.fitted.columns)
 
         def rms(log_factor: float) -> float:
-            fitted = times(log_factor)
-            return fitted.left([fitted.with_signs_of(self.left.effort)]).rms
+            fitted = scaled(log_factor)
+            return fitted.residual([fitted.with_signs_of(self.residual.effort)]).rms
 
         middle, reach = float(np.log(reading.units[joint])), float(np.log(10.0))
         options = {"xatol": TUNING.factor_known, "maxiter": TUNING.reading_rounds}
         found = minimize_scalar(rms, bounds=(middle - reach, middle + reach), method="bounded", options=options)
-        fitted = times(float(found.x))
-        sides = fitted.sides(fitted.with_signs_of(self.left.effort))
-        return EarlyFit(fitted, sides, fitted.left(sides)).polished()
+        fitted = scaled(float(found.x))
+        starts = fitted.best_flips(fitted.with_signs_of(self.residual.effort))
+        return EarlyFit(fitted, starts, fitted.residual(starts)).polished()
 
 
 def in_units(joint: int, factor: float) -> str:
-    """What is other where a joint's efforts (0-based) are to be multiplied by a factor."""
+    """Words for a factor on the efforts of one joint (from 0)."""
     words = _NAMED_UNITS.get(factor, f"{factor:.3g} times as large")
     return f"the efforts of joint {joint + 1} alone {words}"

@@ -1,4 +1,4 @@
-"""Gains as unknowns of an identification: signs and gains in turn, and what is known of the gains in the end."""
+"""Unknown gains of an identification: signs and gains are estimated in turn."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.tuning import TUNING as REGRESSION
 
 _ROUNDING = 1e-9
-"""Of a column's square, below which what is left of it beside others is rounding."""
+"""Share of a column's square that is rounding error once the other columns are projected out."""
 GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
 """What decides a gain."""
 
 
 @dataclass(frozen=True)
 class IdentifiedGains:
-    """The gains of n joints as an identification left them.
+    """The identified gains of n joints.
 
     Attributes:
-        value: (n,) N m (N of a sliding joint) per unit of the reading: those by which the result's efforts are made.
-        covariance: (n, n) of their logarithms; zero where a gain is exact.
-        prior: (n, n) the same before the log.
-        weights: (n,) by which the factor common to all is a mean of the logarithms.
-        stated: the gains as they were stated.
-        converged: whether signs and gains had come to agree.
-        like_friction: joints, from 1, whose gain the log does not tell from friction that depends on the load.
+        value: (n,) N m (prismatic joint: N) per unit of the reading; the result's efforts are in this scale.
+        covariance: (n, n) posterior covariance of their logarithms; zero for exact gains.
+        prior: (n, n) prior covariance of the same.
+        weights: (n,) weights of the logarithms in the logarithm of the common factor.
+        stated: the gains as stated.
+        converged: whether signs and gains converged.
+        like_friction: joints (from 1) whose gain cannot be told from load-dependent friction.
 
     Example:
         >>> log = bayesid.read_log("currents.csv", gains="12~20%,16~20%,10~20%")
@@ -57,12 +57,12 @@ class IdentifiedGains:
 
     @property
     def found(self) -> Gains:
-        """As exact gains, by which other logs of the robot are to be read: the result's model is in their scale."""
+        """The values as exact gains, to read other logs in the scale of the result's model."""
         return replace(self.stated, value=self.value, sd=np.zeros(len(self.value)))
 
     @property
     def relative_sd(self) -> Array:
-        """(n,) standard deviations of the logarithms: relative ones."""
+        """(n,) relative standard deviations."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
@@ -71,14 +71,14 @@ class IdentifiedGains:
         return np.abs(self.value) * self.relative_sd
 
     def interval(self, mass: float = 0.95) -> tuple[Array, Array]:
-        """(n,) ends of each gain's central interval of this posterior mass."""
+        """(n,) ends of the central interval with this posterior mass, per gain."""
         reach: Array = np.exp(float(ndtri(0.5 + 0.5 * mass)) * self.relative_sd)
-        nearer, farther = self.value / reach, self.value * reach  # from zero: a gain may be negative
+        nearer, farther = self.value / reach, self.value * reach  # distances from zero: a gain may be negative
         return np.minimum(nearer, farther), np.maximum(nearer, farther)
 
     @property
     def ratio_sd(self) -> Array:
-        """(n,) relative sd of each gain over those of all other joints together, weighted by what the log says."""
+        """(n,) relative sd of each gain's ratio to the weighted mean of the others."""
         return np.sqrt(np.maximum(self._of_ratios(self.covariance), 0.0))
 
     @property
@@ -88,24 +88,24 @@ class IdentifiedGains:
 
     @property
     def factor(self) -> float:
-        """The factor common to all, over that of the gains stated: what they are to be multiplied by together."""
+        """Common factor of the identified gains over the stated ones."""
         return float(np.exp(self.weights @ np.log(self.value / self.stated.value)))
 
     @property
     def decided_by(self) -> tuple[str, ...]:
-        """(n,) what decides the ratio of each gain to the others: `data`, `prior`, or it is `given`."""
-        prior, left = self._of_ratios(self.prior), self._of_ratios(self.covariance)
-        by_data = (left <= REGRESSION.decided_gain * prior).tolist()
+        """(n,) what decides each gain's ratio to the others: `given`, `data` or `prior`."""
+        prior, posterior = self._of_ratios(self.prior), self._of_ratios(self.covariance)
+        by_data = (posterior <= REGRESSION.decided_gain * prior).tolist()
         return tuple(
-            GIVEN if exact else BY_DATA if told else BY_PRIOR
-            for exact, told in zip(self.stated.exact.tolist(), by_data, strict=True)
+            GIVEN if exact else BY_DATA if decided else BY_PRIOR
+            for exact, decided in zip(self.stated.exact.tolist(), by_data, strict=True)
         )
 
     @property
     def factor_decided_by(self) -> str:
-        """What decides the factor common to all: `data`, with what is stated of masses or of a gain, or the `prior`.
+        """What decides the common factor: `given`, `data` (with stated masses or gains) or `prior`.
 
-        It is `given` where the joints whose gains are exact say most of what the log says of any.
+        It is `given` if the exact gains have more than half of the weights.
         """
         if self.weights[self.stated.exact].sum() > TUNING.exact_gains_weight:
             return GIVEN
@@ -114,7 +114,7 @@ class IdentifiedGains:
 
     @property
     def unit(self) -> str:
-        """Of the gains, in words."""
+        """Unit of the gains."""
         return self.stated.unit_of_gain
 
     def _of_ratios(self, covariance: Array) -> Array:
@@ -126,7 +126,7 @@ class IdentifiedGains:
 
 
 class UnknownGains:
-    """The gains of a log while signs are searched: they move, and its efforts with them."""
+    """The gains of a log during the sign search; the log's efforts are rescaled with them."""
 
     def __init__(self, log: Log, prior: ParameterPrior) -> None:
         self.log, self._of_parameters, self._stated = log, prior, log.gains
@@ -137,28 +137,27 @@ class UnknownGains:
 
     @property
     def unknown(self) -> Mask:
-        """(n,) gains that nobody knows, not even about."""
+        """(n,) gains without a stated value."""
         n = self.log.n_joints
         return np.zeros(n, dtype=bool) if self._stated is None else self._stated.unknown
 
     def begin(self, log_data: LogData) -> None:
-        """Sets what nobody knows to what the robot's masses make likely."""
+        """Sets unknown gains to values that give the robot likely masses."""
         if self._stated is not None:
             self.log = self.log.rescaled(likely_gains(log_data, self._stated))
 
     def moved(self, log_data: LogData, noise: Noise, probability: Array) -> bool:
-        """Whether gains had to move to suit signs: the log has other efforts then.
+        """Whether the gains changed with these signs; then the log's efforts are rescaled.
 
         Args:
-            log_data: the model, completed or not, and the log.
-            noise: under the terms asked for, in any case: effects that are chosen on a log explain there what a wrong
-                gain leaves as well, and do not make it better known.
+            log_data: model and log.
+            noise: of the model without detected effects, which may hide the residual of a wrong gain.
             probability: (N, n) P(sign = +).
         """
         if self._prior is None:
             return False
         fit = self._fit(self._prior, log_data, noise, probability)
-        if self._off(fit) > TUNING.still_gains and self._moves < TUNING.gain_moves:
+        if self._off(fit) > TUNING.gain_step and self._moves < TUNING.gain_moves:
             self.log, self._prior = self.log.rescaled(np.exp(fit.log)), self._prior.moved(fit.log)
             self._moves += 1
             return True
@@ -166,10 +165,7 @@ class UnknownGains:
         return False
 
     def settle(self, log_data: LogData, noise: Noise, probability: Array) -> None:
-        """What is known of the gains under a model, which is the one of the result; the log's efforts stay.
-
-        Arguments are those of `moved`.
-        """
+        """Estimates the gains under the result's model without rescaling the log; arguments as for `moved`."""
         if self._prior is not None:
             self._keep(self._fit(self._prior, log_data, noise, probability), log_data, noise)
 
@@ -184,14 +180,14 @@ class UnknownGains:
 
     @staticmethod
     def _off(fit: GainFit) -> float:
-        """Standard deviations by which the gains' best values lie away from those of the efforts."""
+        """Distance of the estimated gains from those of the efforts, in standard deviations."""
         loose = fit.prior.loose
         shift = fit.log[loose]
         return math.sqrt(max(float(shift @ np.linalg.solve(fit.covariance[np.ix_(loose, loose)], shift)), 0.0))
 
     @property
     def identified(self) -> IdentifiedGains | None:
-        """What is known of them in the end; None where all were exact."""
+        """The result; None if all gains are exact."""
         if self._stated is None or self.fit is None or self.log.gains is None:
             return None
         return IdentifiedGains(
@@ -200,13 +196,13 @@ class UnknownGains:
             prior=self.fit.prior.covariance,
             weights=self.fit.weights,
             stated=self._stated,
-            converged=self.fit.converged and self._off(self.fit) < TUNING.unsettled_gains,
+            converged=self.fit.converged and self._off(self.fit) < TUNING.gains_not_converged,
             like_friction=self._like_friction,
         )
 
 
 def links_of(prior: ParameterPrior, log_data: LogData, normal_equations: NormalEquations) -> LinkPrior:
-    """Scales of any link: as stated or, where they are not, as usual for such a robot and log."""
+    """Prior of any link: its mass and size as stated, else as usual for this robot and log."""
     if prior.link_mass is not None and prior.link_reach is not None:
         return prior.links(LinkPrior())
     model, motion = log_data.model, log_data.signals.motion
@@ -216,11 +212,11 @@ def links_of(prior: ParameterPrior, log_data: LogData, normal_equations: NormalE
 
 
 def _like_friction(log_data: LogData, noise: Noise, fit: GainFit) -> tuple[int, ...]:
-    """Joints, from 1, whose gain is told by what friction that depends on the load would explain as well.
+    """Joints (from 1) whose gain cannot be told from load-dependent friction.
 
-    A gear's efficiency is friction in proportion to the load, and no gain: driving it adds, driven it takes away. Where
-    the log moves a joint under load one way only, both look alike: with that friction as an unknown too, less than a
-    tenth of what the log says of the gain is left.
+    This friction is proportional to the load, as a gain is, but changes sign with the velocity. If the log moves a
+    joint under load in one direction only, both look alike. A joint is listed if estimating this friction too leaves
+    less than a tenth of the log's information about the gain.
     """
     model, motion = log_data.model, log_data.signals.motion
     weight = noise.sigma * np.sqrt(noise.autocorrelation)
@@ -238,36 +234,36 @@ def _like_friction(log_data: LogData, noise: Noise, fit: GainFit) -> tuple[int, 
             pair *= log_data.used[place][:, j, None] / weight[j]
             across[k] += rows[:, j].T @ pair
             squares[k] += pair.T @ pair
-    left = _beside(hessian, across, squares)
-    gain, friction, both = left[:, 0, 0], left[:, 1, 1], left[:, 0, 1]
-    new = friction > _ROUNDING * squares[:, 1, 1]  # the model may hold that friction already
-    beside = gain - np.where(new, both**2 / np.where(new, friction, 1.0), 0.0)
-    told = gain > 1.0 / np.diag(fit.prior.covariance)[loose]
-    return tuple((np.array(loose, dtype=int)[told & (beside < TUNING.left_beside_friction * gain)] + 1).tolist())
+    information = _beside(hessian, across, squares)
+    gain, friction, both = information[:, 0, 0], information[:, 1, 1], information[:, 0, 1]
+    new = friction > _ROUNDING * squares[:, 1, 1]  # the model may have that friction already
+    remaining = gain - np.where(new, both**2 / np.where(new, friction, 1.0), 0.0)
+    shown = gain > 1.0 / np.diag(fit.prior.covariance)[loose]
+    alike = shown & (remaining < TUNING.gain_beside_friction * gain)
+    return tuple((np.array(loose, dtype=int)[alike] + 1).tolist())
 
 
 def _beside(hessian: Array, across: Array, squares: Array) -> Array:
-    """(K, 2, 2) inner products of pairs of columns, less their projection on the model's columns.
+    """(K, 2, 2) inner products of pairs of columns after projecting out the model's columns.
 
-    Directions of the model's columns that rounding cannot tell from zero take no part: their share would be noise,
-    larger than what is left.
+    Directions of the model's columns that are zero up to rounding are left out; their projection would be noise.
 
     Args:
         hessian: (r, r) inner products of the model's columns.
-        across: (K, r, 2) of these with the pairs.
-        squares: (K, 2, 2) of the pairs.
+        across: (K, r, 2) inner products of these with the pairs.
+        squares: (K, 2, 2) inner products of the pairs.
     """
     diagonal = np.diag(hessian)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(hessian * np.outer(scale, scale))
     determined = values > _ROUNDING
     projected = (vectors[:, determined] / np.sqrt(values[determined])).T * scale @ across
-    left: Array = squares - np.swapaxes(projected, 1, 2) @ projected
-    return left
+    remaining: Array = squares - np.swapaxes(projected, 1, 2) @ projected
+    return remaining
 
 
 def spread_by_gains(gains: GainFit, log_data: LogData) -> Array:
-    """(r, r) covariance of the coefficients for the gains' sake, to the first order."""
+    """(r, r) first-order covariance of the coefficients due to the gains."""
     moves = log_data.coefficients.projection @ gains.moves
     covariance: Array = moves @ gains.covariance @ moves.T
     return covariance

@@ -1,4 +1,4 @@
-"""What an identification gives: signs, coefficients and parameters of a robot, and how sure they are."""
+"""Result of an identification: signs, coefficients and parameters of a robot with their uncertainty."""
 
 from __future__ import annotations
 
@@ -31,21 +31,20 @@ from bayesid.signs.model_selection import ModelSelection
 from bayesid.signs.search.protocol import SearchResult
 
 SURE = 0.99
-"""Probability from which on a sign is as good as certain: what the project's README promises (of the samples given as
-much, at most 0.05 % are wrong)."""
+"""Probability from which a sign counts as certain (README: of such samples at most 0.05 % are wrong)."""
 KNOWN = 0.1
-"""Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
+"""Relative standard deviation below which a coefficient counts as known; as in the studies' tables."""
 _FIXED = 1e-12
-"""Share of a combination of parameters that equalities leave free up to which it is rounding."""
+"""Free share of a combination of parameters, under equality constraints, that is rounding error."""
 
 
 def sure_shares_of(probability: Array, effort: Array, used: Mask) -> Array:
-    """(n,) share of each joint's |effort| whose sign is as good as certain.
+    """(n,) share of each joint's |effort| with a certain sign.
 
     Args:
         probability: (N, n) P(sign = +).
         effort: (N, n) N m.
-        used: (N, n) the samples that count.
+        used: (N, n) samples that are used.
     """
     certain = np.maximum(probability, 1.0 - probability) >= SURE
     weight = np.abs(effort) * used
@@ -55,35 +54,33 @@ def sure_shares_of(probability: Array, effort: Array, used: Mask) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Identification(IdentifiedModel):
-    """What a log says about a robot: its model, and all that led to it.
+    """Identified model of a robot, with signs, fit, posterior and the log.
 
     Attributes:
         coefficients: the model's r base coefficients.
         log: the raw log.
-        signals: the log on an even grid of N instants, freed of a low-pass after the rectifier where there was one.
+        signals: the log on an even grid of N samples, corrected for a low-pass after the rectifier if detected.
         segments: S segments over all samples of all joints.
         signs: (S,) +1 or -1.
-        confidence: (S,) expected share of the segment's energy, its squared efforts, whose sign is right
-            (:eq:`confidence`).
+        confidence: (S,) expected share of the segment's energy whose sign is right (:eq:`confidence`).
         probability: (N, n) P(sign = +) of every sample.
-        fit: parameters by least squares, their uncertainty, and the noise.
-        posterior: draws; None if it was not asked for.
-        sign_terms: terms of the model under which the signs were settled.
-        completed_model_weight: of that model, against the one asked for where they differ.
-        model_error_probability: (n,) probability that signs are guesses because the model is not the robot's.
-        searched: the segments that are fitted, as the last search had them.
-        search: that search.
-        rounds: searches until no segment's predicted effort crossed zero.
+        fit: least-squares parameters, their uncertainty, and the noise.
+        posterior: draws; None if not sampled.
+        sign_terms: terms of the model that the signs were found with.
+        completed_model_weight: weight of that model against the given one, if they differ.
+        model_error_probability: (n,) probability that the model is too wrong to tell the signs.
+        searched: the segments of the last search.
+        search: its result.
+        rounds: number of searches, until no segment's predicted effort crossed zero.
         noise_weights: (n,) noise by which the rows of the last search were scaled, N m.
-        proofs: how often the last word was said: again where the final noise weights change the signs.
+        proofs: number of proofs; repeated if the final noise weights change the signs.
         timings: stage to seconds.
-        warnings: what the user should know.
-        prior: what was stated beforehand.
-        provenance: what was run on which data.
-        model_selection: what the catalogue had to say beyond the terms asked for; None where it was not asked.
-        better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
-            the fit is no reason to look for one.
-        constraints: that were stated, each with what it costs.
+        warnings: checks that are not good, in words.
+        prior: stated prior.
+        provenance: options, data and versions.
+        model_selection: detected effects and what the log cannot exclude; None if not checked.
+        better_reading: a better reading of the log, if one was found (`bayesid.identification.misread`).
+        constraints: stated constraints, each with its cost.
 
     Example:
         >>> round(result.coefficient("Fc2").mean, 1), result.sample_signs.shape
@@ -116,26 +113,26 @@ class Identification(IdentifiedModel):
     constraints: tuple[ConstraintPrice, ...] = ()
 
     def __repr__(self) -> str:
-        left = self.fit.relative_residual
+        residual = self.fit.relative_residual
         lines = [
             f"Identification of {self.model.robot.name} from {self.log.source}: {len(self.log)} rows, "
             f"{self.log.n_joints} joints, {int(self.log.signed.sum())} of them signed",
             f"signs         {self._about_signs}",
             f"coefficients  {len(self.coefficients)}, {self.n_known} known to {KNOWN:.0%}; condition number "
             f"{self.fit.condition:.0f}",
-            f"fit           leaves {left.min():.1%} to {left.max():.1%} of a joint's effort",
+            f"fit           relative residual {residual.min():.1%} to {residual.max():.1%} per joint",
             f"posterior     {self._about_posterior}",
             f"effects       {self._about_effects}",
             f"warnings      {len(self.warnings) or 'none'}",
             *(f"  - {warning}" for warning in self.warnings[: TUNING.warnings_shown]),
-            *(["  - .warnings has all"] if len(self.warnings) > TUNING.warnings_shown else []),
+            *(["  - all: .warnings"] if len(self.warnings) > TUNING.warnings_shown else []),
             "checks        result.checks()",
-            "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
+            "next          .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
         ]
         return "\n  ".join(lines)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: a summary, the checks and a figure."""
+        """For notebooks: summary, checks and a figure."""
         view: str = import_module("bayesid.report.pages.identification_page").identification_view(self)
         return view
 
@@ -150,9 +147,7 @@ class Identification(IdentifiedModel):
         return import_module("bayesid.report.findings").report_data(self)
 
     def to_inference_data(self) -> Any:
-        """The posterior as ArviZ takes it: what posterior.nc holds.
-
-        An `arviz.InferenceData`, from ArviZ 1.0 on an `xarray.DataTree`.
+        """The posterior as in posterior.nc: an `arviz.InferenceData`, from ArviZ 1.0 an `xarray.DataTree`.
 
         Raises:
             ValueError: no posterior was sampled.
@@ -169,7 +164,7 @@ class Identification(IdentifiedModel):
             return "all known"
         proof = "proven: no other assignment costs less" if self.search.certified else "not proven"
         count = len(self.recorded_segments[0])
-        return f"{count} segments, {proof}; {self.sure_share:.1%} of |effort| sure to {SURE:.0%}"
+        return f"{count} segments, {proof}; {self.sure_share:.1%} of |effort| has a sign of probability >= {SURE:.0%}"
 
     @property
     def _about_posterior(self) -> str:
@@ -181,7 +176,7 @@ class Identification(IdentifiedModel):
 
     @property
     def _about_effects(self) -> str:
-        names = " + ".join(" ".join([one.name, *map(str, one.joints)]) for one in self.model.effects)
+        names = " + ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in self.model.effects)
         return f"{names}{'' if (more := self.model_selection) is None else f'; {len(more.effects)} of them detected'}"
 
     @property
@@ -192,12 +187,12 @@ class Identification(IdentifiedModel):
 
     @property
     def beta(self) -> Array:
-        """(r,) the base coefficients of these parameters."""
+        """(r,) values of the base coefficients."""
         return self.coefficients.project(self.theta)
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none."""
+        """(r, r) covariance of the coefficients: of the posterior, or else the inverse information matrix."""
         return self.fit.covariance if self.posterior is None else self.posterior.covariance
 
     @property
@@ -207,9 +202,9 @@ class Identification(IdentifiedModel):
 
     @property
     def sd_apart(self) -> Array:
-        """(r,) standard deviations of the coefficients apart from the factor common to all gains.
+        """(r,) standard deviations of the coefficients at a fixed common factor of the gains.
 
-        No motion shows that factor, and `gains` says how well it is known. `sd` where gains were exact.
+        No motion shows that factor; its uncertainty is in `gains`. With exact gains equal to `sd`.
         """
         gains, posterior = self.gains, self.posterior
         if gains is None:
@@ -218,15 +213,15 @@ class Identification(IdentifiedModel):
             factor = np.exp(posterior.log_gain @ gains.weights)[..., None]
             apart = posterior.uncertain.beta / factor
             return np.asarray(apart.reshape(-1, apart.shape[-1]).std(axis=0))
-        left: Array = self.sd**2 - (gains.factor_sd * self.beta) ** 2
-        exact = np.zeros_like(left) if self.by_gains is None else self.sd**2 - np.diag(self.by_gains)
-        return np.sqrt(np.maximum(np.maximum(left, exact), 0.0))
+        without_factor: Array = self.sd**2 - (gains.factor_sd * self.beta) ** 2
+        exact = np.zeros_like(without_factor) if self.by_gains is None else self.sd**2 - np.diag(self.by_gains)
+        return np.sqrt(np.maximum(np.maximum(without_factor, exact), 0.0))
 
     @property
     def parameter_sd(self) -> tuple[Array, Mask]:
         """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
 
-        Without a posterior they come from the information matrix, NaN where a parameter is not decided by itself.
+        Without a posterior they come from the information matrix; NaN if a parameter is not identifiable.
         """
         if self.posterior is not None:
             return self.posterior.parameter_sd, self.posterior.decided_by_data
@@ -235,10 +230,10 @@ class Identification(IdentifiedModel):
 
     @property
     def prior_sd(self) -> tuple[Array, Mask]:
-        """(r,) sd of the coefficients under the prior alone, without its cone, and (r,) whether the data decide them.
+        """(r,) sd of the coefficients under the prior, without its cone, and (r,) whether the data decide them.
 
-        Nine tenths of the precision must then be the data's, apart from the factor common to all gains. Without a
-        posterior there is no prior (NaN), and the data decide what has a standard deviation.
+        The data decide if they give at least nine tenths of the precision, at a fixed common factor of the gains.
+        Without a posterior there is no prior (NaN), and the data decide every coefficient of finite sd.
         """
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
@@ -255,7 +250,7 @@ class Identification(IdentifiedModel):
 
     @property
     def nominal_beta(self) -> Array:
-        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
+        """(r,) coefficients computed from stated parameters; NaN if one of these is missing."""
         stated = {name: mean for name, (mean, _) in self.prior.stated.items()}
         if not stated:
             return np.full(len(self.coefficients), np.nan)
@@ -263,11 +258,11 @@ class Identification(IdentifiedModel):
         unknown = np.isnan(nominal)
         value = self.coefficients.project(np.where(unknown, 0.0, nominal))
         open_share = np.abs(self.coefficients.projection[:, unknown]).max(axis=1, initial=0.0)
-        return np.where(open_share > 1e-9, np.nan, value)  # below that it is rounding
+        return np.where(open_share > 1e-9, np.nan, value)  # below: rounding error
 
     @property
     def persistent_share(self) -> float | None:
-        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof."""
+        """Share of the searched samples with a persistent sign; None without a proof."""
         if self.search.persistent is None:
             return None
         count = self.searched.end - self.searched.start
@@ -275,54 +270,54 @@ class Identification(IdentifiedModel):
 
     @property
     def sample_signs(self) -> Array:
-        """(N, n) the likelier sign of every sample, +1 or -1."""
+        """(N, n) most probable sign of every sample, +1 or -1."""
         return np.where(self.probability >= 0.5, 1.0, -1.0)
 
     @property
     def interval_95(self) -> tuple[Array, Array]:
-        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations."""
+        """(r,) ends of the 95 % intervals of the coefficients: of the posterior, or else of a normal distribution."""
         if self.posterior is not None:
             return self.posterior.interval(0.95)
         return self.beta - NORMAL_95 * self.sd, self.beta + NORMAL_95 * self.sd
 
     @property
     def n_known(self) -> int:
-        """Number of coefficients whose sd is below a tenth of their value."""
+        """Number of coefficients with an sd below a tenth of their value."""
         return int((self.sd < KNOWN * np.abs(self.beta)).sum())
 
     @property
     def sure_share(self) -> float:
-        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
+        """Mean over joints of `sure_shares`."""
         return float(np.mean(self.sure_shares))
 
     @property
     def sure_shares(self) -> Array:
-        """(n,) share of each joint's |effort| in motion whose sign is sure to 99 %."""
+        """(n,) share of each joint's |effort| in motion with a sign of probability 0.99 or more."""
         return sure_shares_of(self.probability, self.signals.raw_effort, self.in_motion)
 
     @property
     def in_motion(self) -> Mask:
-        """(N, n) recorded samples of a joint in motion: no pause, none between joined logs."""
+        """(N, n) whether a sample is recorded (not in a pause, not between joined logs) and its joint moves."""
         recorded = self.log.clock(self.signals.motion.t)[0] >= 0
         moving: Mask = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
         return moving & recorded[:, None]
 
     @property
     def corrected(self) -> tuple[str, ...]:
-        """Those of the warnings that say what was decoded, mended or left out of the log, and ask for nothing."""
+        """Warnings about values that were decoded, corrected or left out; they need no action."""
         notes = (note for note in self.log.notes if DOUBT not in note)
         return tuple(dict.fromkeys((*notes, *map(str, self.signals.faults))))
 
     @property
     def recorded_segments(self) -> tuple[Segments, Integers, Array]:
-        """The segments without pauses of the log or between joined ones, their signs (S,) and confidences (S,)."""
+        """Segments without pauses and gaps between joined logs, their signs (S,) and confidences (S,)."""
         if (self.log.clock(self.signals.motion.t)[0] >= 0).all():
             return self.segments, self.signs, self.confidence
         signals = self.signals
         return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)
 
     def coefficients_table(self) -> Records[Coefficient]:
-        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`."""
+        """The base coefficients, one record each; `.to_dataframe()` makes a table."""
         known, (prior_sd, by_data) = self.coefficients, self.prior_sd
         words = zip(known.names, known.expressions, known.units, strict=True)
         before = np.where(np.isfinite(prior_sd), prior_sd, np.nan)
@@ -335,14 +330,14 @@ class Identification(IdentifiedModel):
         return Records(Coefficient, made)
 
     def parameters_table(self) -> Records[ParameterValue]:
-        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
+        """The model's parameters, one record each; `.to_dataframe()` makes a table."""
         sd, by_data = self.parameter_sd
         decided = self._decided_by(by_data, np.eye(len(sd)))
         rows = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), decided, strict=True)
         return Records(ParameterValue, (ParameterValue(p.name, p.unit, p.joint, *own) for p, *own in rows))
 
     def segments_table(self) -> Records[SegmentSign]:
-        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`."""
+        """The segments with their signs, one record each, joints from 1; `.to_dataframe()` makes a table."""
         segments, signs, confidence = self.recorded_segments
         place, t = self.log.clock(self.signals.motion.t)
         sources = [piece.source for piece in self.log.pieces] if self.log.pooled else [self.log.source]
@@ -357,7 +352,7 @@ class Identification(IdentifiedModel):
         """A base coefficient by its name, as in `result.coefficient("Fc2").mean`.
 
         Raises:
-            InputError: there is none of this name; near names are told.
+            InputError: there is none of this name; similar names are suggested.
 
         Example:
             >>> friction = result.coefficient("Fc2")
@@ -365,12 +360,12 @@ class Identification(IdentifiedModel):
             '1.5 +- 0.1 N m, by data'
         """
         parameters = [parameter.name for parameter in self.model.parameters]
-        elsewhere = f"efforts show it in sums alone; take parameter({name!r})" if name in parameters else ""
+        elsewhere = f"it is not identifiable by itself; use parameter({name!r})" if name in parameters else ""
         return named(self.coefficients_table(), name, "coefficient", elsewhere)
 
 
 def identified_of(model: object, name: str) -> IdentifiedModel:
-    """The model of an `Identification`, or the model itself, whatever a caller has given as the argument of a name.
+    """The identified model of a result or of the model itself; `name` is the argument's name in messages.
 
     Raises:
         InputError: it is neither.

@@ -1,4 +1,4 @@
-"""The identified model: what stays of an identification, in memory and in a result folder."""
+"""The identified model, as kept in memory and in a result folder."""
 
 from __future__ import annotations
 
@@ -51,33 +51,29 @@ class ParameterDraws:
 
     theta: Array  #: (K, P) parameters
     sigma: Array  #: (K, n) sd of the noise, N m
-    #: (K, n) logarithms of the gains over those of the log's efforts, where gains were unknowns
-    log_gain: Array | None = None
-
-    as_read: bool = False  #: whether efforts are those that readings make by the log's gains, not by each draw's own
+    log_gain: Array | None = None  #: (K, n) logarithms of the gains over those of the log's efforts, if unknown
+    as_read: bool = False  #: whether efforts are in the scale of the log's gains instead of each draw's own
 
 
 @dataclass(frozen=True)
 class IdentifiedModel:
-    """A model with its parameters: it predicts efforts, validates on other logs, and is knowledge for the next one.
+    """A model with its parameters and their uncertainty; predicts efforts and validates on other logs.
 
     Attributes:
         model: robot, terms and distortions.
         theta: (P,) parameters.
-        noise: of the efforts of the log that the model was identified from.
-        precision: (r, r) inverse covariance of the base coefficients; zero where nothing is known.
-        draws: of the posterior; None if it was not sampled.
-        model_error_covariance: (r, r) what the model may lack adds to the coefficients' covariance; None where that is
-            nothing, or draws show it.
-        by_gains: (r, r) covariance by which they are less certain for the gains' sake, without draws; None where all
-            were exact, or draws show it.
-        logs: by which the logs that it was identified from are known again
-            (`bayesid.identification.options.hashes`); none of a model that was written by hand.
-        gains: by which readings were made efforts, where they were unknowns; other logs are to be read by the same.
-        encoding: how readings of the log held their sign, where they did in a code: a stream is decoded by the same.
-        read_with: options of `bayesid.read_log` that the log was read with, where they were not the usual ones.
-        listed: its coefficients as the identification gave them; none of a model that was written by hand.
-        folder: the result folder that it was loaded from; empty where it was in none.
+        noise: noise of the efforts of the identified log.
+        precision: (r, r) inverse covariance of the base coefficients; zero if unknown.
+        draws: draws of the posterior, if sampled.
+        model_error_covariance: (r, r) additional covariance of the coefficients for effects that the model may lack;
+            None if zero or contained in the draws.
+        by_gains: (r, r) additional covariance due to uncertain gains; None if zero or contained in the draws.
+        logs: hashes of the identified logs (`bayesid.identification.options.hashes`); empty for a hand-written model.
+        gains: identified gains, if they were unknown; other logs are read with these.
+        encoding: code by which readings of the log held their sign, if any; streams are decoded by it.
+        read_with: non-default options of `bayesid.read_log` for the log.
+        listed: coefficients of the identification; empty for a hand-written model.
+        folder: the result folder that it was loaded from, if any.
 
     Example:
         >>> stored = bayesid.load("result")
@@ -108,7 +104,7 @@ class IdentifiedModel:
             f"effects      {effects}",
             f"noise        {', '.join(f'{sd:.3g}' for sd in self.noise.sigma)} (sd a joint)",
             f"uncertainty  {known} of the parameters",
-            "go on with   .coefficients_table(), .predict(motion), .validate(log), find_discrepancy(model, log)",
+            "next         .coefficients_table(), .predict(motion), .validate(log), find_discrepancy(model, log)",
         ]
         return "\n  ".join(lines)
 
@@ -125,11 +121,11 @@ class IdentifiedModel:
         """
         if not self.folder:
             remedy = "load it with bayesid.load(folder)"
-            raise InputError("is in no result folder", self.model.robot.name, remedy)
+            raise InputError("was not loaded from a result folder", self.model.robot.name, remedy)
         return import_module("bayesid.report.findings").read_report_data(self.folder)
 
     def checks(self, validation: Validation | None = None) -> tuple[Check, ...]:
-        """All checks of the identification, in the order of the pipeline, with those of a validation on another log.
+        """All checks of the identification, and those of a validation on another log if given.
 
         Example:
             >>> [check.name for check in result.checks() if check.state != "good"]
@@ -142,7 +138,7 @@ class IdentifiedModel:
 
     @property
     def knowledge(self) -> CoefficientPrior:
-        """What the log has shown of the coefficients, for another log."""
+        """Knowledge of the coefficients, as a prior for another log."""
         return CoefficientPrior(self.model, self.theta, self.precision)
 
     @cached_property
@@ -151,10 +147,9 @@ class IdentifiedModel:
         return base_coefficients(self.model)
 
     def coefficients_table(self) -> Records[Coefficient]:
-        """The base coefficients, one record each, as the identification gave them: to iterate over, or a DataFrame.
+        """The base coefficients, one record each; `.to_dataframe()` makes a table.
 
-        Of a model that was written by hand the intervals are those of a normal distribution, and nobody knows what
-        decides them.
+        For a hand-written model intervals are those of a normal distribution, and `decided_by` is "unknown".
         """
         if self.listed:
             return Records(Coefficient, self.listed)
@@ -165,8 +160,8 @@ class IdentifiedModel:
         words = zip(known.names, known.expressions, known.units, strict=True)
         numbers = zip(mean.tolist(), sd.tolist(), strict=True)
         made = (
-            Coefficient(*word, value, own, value - NORMAL_95 * own, value + NORMAL_95 * own, "unknown", np.nan, np.nan)
-            for word, (value, own) in zip(words, numbers, strict=True)
+            Coefficient(*word, value, s, value - NORMAL_95 * s, value + NORMAL_95 * s, "unknown", np.nan, np.nan)
+            for word, (value, s) in zip(words, numbers, strict=True)
         )
         return Records(Coefficient, made)
 
@@ -174,24 +169,24 @@ class IdentifiedModel:
         """A base coefficient by its name, as in `bayesid.load("result").coefficient("Fc2").mean`.
 
         Raises:
-            InputError: there is none of this name; near names are told.
+            InputError: there is none of this name; similar names are suggested.
         """
         return named(self.coefficients_table(), name, "coefficient")
 
     @property
     def reading(self) -> dict[str, Any]:
-        """Options of `bayesid.read_log` for other logs of its recorder: as its own was read, by the gains found."""
+        """Options of `bayesid.read_log` for logs of the same recorder: those of its own log, with identified gains."""
         kept = {name: value for name, value in self.read_with.items() if name != "gains"}
         if kept.get("joints") == list(joint_names(self.model.robot)):
-            del kept["joints"]  # which are looked for anyway
+            del kept["joints"]  # the default
         gains = exact_gains(self.read_with.get("gains")) if self.gains is None else self.gains.found
-        if gains is not None and self.gains is not None:  # those of the joints as recorded
+        if gains is not None and self.gains is not None:  # in the order of the recorded joints
             _, efforts = corrections(as_corrected(kept), self.model.robot.n_joints)
             gains = gains.ordered(np.argsort(efforts.order))
         return kept if gains is None else {**kept, "gains": gains}
 
     def beyond_reading(self, log: Log) -> dict[str, Any]:
-        """Options that a log was read with, where they are others than `reading`."""
+        """Options that a log was read with and that differ from `reading`."""
         kept, found = self.reading, dict(log.read_with)
         gains = exact_gains(found.get("gains"))
         if gains is not None and "gains" in kept and np.allclose(gains.value, kept["gains"].value):
@@ -200,25 +195,25 @@ class IdentifiedModel:
 
     @property
     def motion_reading(self) -> dict[str, Any]:
-        """Those of `reading` that a motion is read by."""
+        """Options of `reading` that apply to motions."""
         return {name: value for name, value in self.reading.items() if name in OF_MOTION}
 
     def parameters_table(self) -> Records[ParameterValue]:
-        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`.
+        """The model's parameters, one record each; `.to_dataframe()` makes a table.
 
-        Of a model alone, without its log, nobody knows what decides them, and without draws no standard deviation.
+        `decided_by` is "unknown" without the log; the sd is NaN without draws.
         """
         unknown = np.full(len(self.theta), np.nan)
         sd = unknown if self.draws is None else self.draws.theta.std(axis=0)
         rows = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), strict=True)
-        made = (ParameterValue(p.name, p.unit, p.joint, mean, own, "unknown") for p, mean, own in rows)
+        made = (ParameterValue(p.name, p.unit, p.joint, mean, s, "unknown") for p, mean, s in rows)
         return Records(ParameterValue, made)
 
     def parameter(self, name: str) -> ParameterValue:
         """A parameter of the model by its name, as in `result.parameter("m3").mean`.
 
         Raises:
-            InputError: there is none of this name; near names are told.
+            InputError: there is none of this name; similar names are suggested.
         """
         return named(self.parameters_table(), name, "parameter")
 
@@ -227,7 +222,7 @@ class IdentifiedModel:
         return self.model.effort(motion, self.theta)
 
     def seen(self, log: Log) -> bool:
-        """Whether it was identified from this log, which then shows nothing new of it."""
+        """Whether it was identified from this log, which is then no independent evidence."""
         return bool(self.logs & hashes(log))
 
     def predict(
@@ -241,23 +236,20 @@ class IdentifiedModel:
     ) -> PredictedEfforts:
         """Efforts of a motion with their uncertainty.
 
-        What is uncertain of the parameters comes from the posterior's draws; without a posterior from the covariance of
-        the coefficients by least squares, which leaves out the cone. `PredictedEfforts.basis` says which.
+        The uncertainty of the parameters is that of the posterior's draws, or else the least-squares covariance of the
+        coefficients without the cone; see `PredictedEfforts.basis`.
 
         Args:
-            motion: a `Motion` or arrays (t, q, dq, ddq), taken as they are; or positions, which are low-passed and
-                differentiated as a log's are: arrays (t, q) or (t, q, dq), a log, a DataFrame with the columns t,
-                q1..qn[, dq1..dqn], or a file of those. Efforts need not be there, and are left out. N instants, s and
-                rad; n joints.
-            noise: whether sd and band are those of a measured effort, into which band a measurement falls 95 % of the
-                time, or of the model's effort alone, whose parameters are uncertain.
-            draws: K efforts (K, N, n) to draw as well.
-            cutoff: of the low-pass, Hz; from the motion by default.
-            rng: of the draws: a seed, a generator, or None for others each time.
+            motion: a `Motion` or arrays (t, q, dq, ddq), used without change. Or positions, which are low-passed and
+                differentiated: arrays (t, q) or (t, q, dq), a log, a DataFrame with the columns t, q1..qn[, dq1..dqn],
+                or a file of those; efforts are ignored. Units s and rad.
+            noise: whether sd and band include the noise of a measured effort, or only the parameters' uncertainty.
+            draws: number K of efforts (K, N, n) to draw.
+            cutoff: cut-off of the low-pass, Hz; from the motion by default.
+            rng: seed or generator of the draws; None for different ones each time.
 
         Raises:
-            InputError: the motion cannot be used, or nothing is known of the parameters' uncertainty and no noise is
-                wanted.
+            InputError: the motion cannot be used, or `noise=False` and the parameters' uncertainty is unknown.
 
         Example:
             >>> stored = bayesid.load("result")
@@ -268,7 +260,7 @@ class IdentifiedModel:
         check_payloads(self.model, motion)
         known = self._knows_parameters
         if not known and not noise:
-            said = "nothing is known of how certain the model's parameters are"
+            said = "nothing is known about the uncertainty of the model's parameters"
             raise InputError(said, field="noise=False", remedy="leave it out: the noise is known")
         of_noise = self.noise.sigma if self.draws is None else np.sqrt(np.mean(self.draws.sigma**2, axis=0))
         return PredictedEfforts(
@@ -288,14 +280,14 @@ class IdentifiedModel:
 
     @cached_property
     def spread(self) -> Spread:
-        """Normal distribution of the coefficients: by the draws' covariance, or else by the information matrix."""
+        """Normal distribution of the coefficients: from the draws' covariance, or else the information matrix."""
         if self.draws is not None:
             return Spread.of_draws(self.model, self.draws.theta)
         return Spread.of_precision(self.model, self.precision, self.beyond_precision)
 
     @property
     def beyond_precision(self) -> Array:
-        """(r, r) covariance by which the coefficients are less certain than `precision` says, for whatever reason."""
+        """(r, r) covariance of the coefficients in addition to that of `precision`."""
         return sum(
             (part for part in (self.model_error_covariance, self.by_gains) if part is not None),
             np.zeros_like(self.precision),
@@ -303,12 +295,12 @@ class IdentifiedModel:
 
     @property
     def _as_read(self) -> IdentifiedModel:
-        """The same for efforts that are made of readings by its gains, whatever the true ones are."""
+        """The model in the scale of its gains: their uncertainty is left out."""
         draws = None if self.draws is None else replace(self.draws, as_read=True)
         return replace(self, draws=draws, by_gains=None)
 
     def _sd_of_effort(self, motion: Motion) -> Array:
-        """(N, n) of the efforts before sensors read them, N m."""
+        """(N, n) sd of the efforts before the sensors' distortions, N m."""
         chunks, draws = (columns for _, columns in self.model.chunks(motion)), self.draws
         if draws is None:
             spread = self.spread
@@ -319,7 +311,7 @@ class IdentifiedModel:
         return np.concatenate([(columns @ draws.theta[chosen].T / gain).std(axis=2) for columns in chunks])
 
     def _drawn_efforts(self, motion: Motion, count: int, noise: bool, rng: np.random.Generator) -> Array:
-        """(K, N, n) efforts that might be, N m."""
+        """(K, N, n) random efforts, N m."""
         theta, sigma = np.tile(self.theta, (count, 1)), np.tile(self.noise.sigma, (count, 1))
         if self.draws is not None:
             total = len(self.draws.theta)
@@ -332,13 +324,13 @@ class IdentifiedModel:
         return efforts + drawn_noise(self.noise, sigma, motion.t, rng) if noise else efforts
 
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
-        """Predicts a log's efforts from its motion, settles the unknown signs under the model, and compares.
+        """Predicts a log's efforts from its motion, estimates unknown signs with the model, and compares.
 
-        A log that the model was identified from is no validation; `Validation.seen` says so.
+        A log that the model was identified from is no validation: `Validation.seen` is then true.
 
         Args:
             log: a log of the same robot, or anything that `bayesid.read_log` reads.
-            cutoff: of the motion's low-pass, Hz; from the data by default.
+            cutoff: cut-off of the motion's low-pass, Hz; from the data by default.
 
         Raises:
             InputError: the log cannot be read, or has another number of joints.
@@ -352,6 +344,6 @@ class IdentifiedModel:
         check_exact_gains(log)
         check_joints(self.model.robot, log.n_joints, log.source)
         signals = prepare(log, cutoff)
-        predicted = self._as_read.predict(signals.motion)  # the log is read by the same gains
+        predicted = self._as_read.predict(signals.motion)  # the log is read with the same gains
         compared = compare(log, signals, self.model.robot, predicted, self.noise)
         return replace(compared, seen=self.seen(log), read_with=self.beyond_reading(log))

@@ -1,4 +1,4 @@
-"""model.toml: a model with its parameters, noise, and what is known of its coefficients."""
+"""model.toml: a model with its parameters, their uncertainty, and the noise."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from bayesid.robot import robot_from_table, robot_table
 _GAIN_ARRAYS = {"value": 1, "weights": 1, "covariance": 2, "prior": 2}
 """Arrays of `IdentifiedGains` and their dimensions."""
 _BEYOND = ("model_error_covariance", "by_gains")
-"""Covariances of `IdentifiedModel` that there may be."""
+"""Optional covariances of `IdentifiedModel`."""
 
 
 def load(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> IdentifiedModel:
     """The model of a result folder.
 
     Args:
-        folder: what `bayesid identify` or `bayesid.save` wrote.
-        effects: classes of one's own that the model has and no installed package registers.
+        folder: a folder that `bayesid identify` or `bayesid.save` wrote.
+        effects: your own effect classes in the model that no installed package registers.
 
     Raises:
-        InputError: there is no readable model.toml, or it has an effect that is not known.
+        InputError: there is no readable model.toml, or it has an unknown effect.
 
     Example:
         >>> bayesid.load("result").model.robot.name
@@ -67,7 +67,7 @@ def load(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Identified
         raise InputError(f"key {error} is missing", str(path), remedy) from None
     except (AttributeError, OSError, OverflowError, RecursionError, TypeError, ValueError) as error:
         said = printable(str(error))
-        raise InputError(f"does not hold what bayesid writes ({said})", str(path), remedy) from None
+        raise InputError(f"was changed or not written by bayesid ({said})", str(path), remedy) from None
 
 
 def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Effect]]) -> IdentifiedModel:
@@ -100,14 +100,14 @@ def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
 
 
 def _stored_knowledge(table: dict[str, Any], model: Model) -> dict[str, Any]:
-    """Precision and covariances (r, r), and logs; nothing is known of a nominal model."""
+    """Precision and covariances (r, r), and hashes of logs; a nominal model has a precision of zero."""
     kept = base_coefficients(model).names
     shape = (len(kept), len(kept))
     if "knowledge" not in table:
         return {"precision": np.zeros(shape)}
     stored = table["knowledge"]
     if list(stored["coefficients"]) != list(kept):
-        raise ValueError("the knowledge is of other coefficients than the model's")
+        raise ValueError("section knowledge has other coefficients than the model")
     known = ["precision", *(key for key in _BEYOND if key in stored)]
     squares = {key: frozen(stored[key], shape, f"knowledge, {key},") for key in known}
     return {**squares, "logs": frozenset(map(str, stored.get("logs", [])))}
@@ -116,13 +116,12 @@ def _stored_knowledge(table: dict[str, Any], model: Model) -> dict[str, Any]:
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     if not path.exists():
         return None
-    from bayesid.posterior.inference_data import read_draws  # and xarray, for a posterior alone
+    from bayesid.posterior.inference_data import read_draws  # imports xarray
 
     return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
 
 
 def _stored_coefficients(path: Path) -> tuple[Coefficient, ...]:
-    """Those of coefficients.csv; none where it is not there."""
     if not path.exists():
         return ()
     try:
@@ -130,12 +129,13 @@ def _stored_coefficients(path: Path) -> tuple[Coefficient, ...]:
             return tuple(map(_stored_coefficient, csv.DictReader(file)))
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         remedy = "leave the file as `bayesid identify` wrote it, or remove it"
-        raise InputError(f"does not hold what bayesid writes ({printable(str(error))})", str(path), remedy) from None
+        said = printable(str(error))
+        raise InputError(f"was changed or not written by bayesid ({said})", str(path), remedy) from None
 
 
 def _stored_coefficient(row: Mapping[str, str]) -> Coefficient:
     mean, sd, low, high = (float(row[key]) for key in ("mean", "sd", "q2.5", "q97.5"))
-    before, nominal = (float(row[key] or "nan") for key in ("prior_sd", "nominal"))  # blank where none is known
+    before, nominal = (float(row[key] or "nan") for key in ("prior_sd", "nominal"))
     words = row["name"], row["expression"], row["unit"]
     return Coefficient(*words, mean, sd, low, high, row["decided_by"], before, nominal)
 
@@ -146,8 +146,8 @@ def _named(
     for row in rows:
         if not issubclass(known.get(row["name"], object), base):
             remedy = (
-                "install the package that registers it, read it by bayesid.load(folder, effects=[its class]), or "
-                "with the version of bayesid that wrote it"
+                "install the package that registers it, give its class by bayesid.load(folder, effects=[..]), or "
+                "use the version of bayesid that wrote it"
             )
             raise InputError(f"unknown {base.__name__.lower()} {row['name']!r}", where, remedy)
     return [(known[row["name"]], row.get("shape", {})) for row in rows]
@@ -156,17 +156,17 @@ def _named(
 def _stored_noise(table: dict[str, Any], n: int) -> Noise:
     noise = Noise(**{key: frozen(values, (n,), f"noise, {key},") for key, values in table.items()})
     if min(np.min(values) for values in vars(noise).values()) <= 0.0:
-        raise ValueError("the noise is not positive")
+        raise ValueError("noise is not positive")
     return noise
 
 
 def model_table(stored: IdentifiedModel) -> dict[str, Any]:
-    """What model.toml holds of an identified model."""
+    """Content of model.toml."""
     names = [parameter.name for parameter in stored.model.parameters]
     return {
         "robot": robot_table(stored.model.robot),
         "terms": [{"name": term.name, "shape": dict(term.shape)} for term in stored.model.terms],
-        "distortions": [{"name": one.name, "shape": dict(one.shape)} for one in stored.model.distortions],
+        "distortions": [{"name": each.name, "shape": dict(each.shape)} for each in stored.model.distortions],
         "values": dict(zip(names, stored.theta.tolist(), strict=True)),
         "noise": {name: values.tolist() for name, values in vars(stored.noise).items()},
         "knowledge": {

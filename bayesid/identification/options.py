@@ -1,4 +1,4 @@
-"""What may be chosen of an identification beside search and sampling, what a run needs, and what was run on what."""
+"""Preprocessing options, memory check and provenance of an identification."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from bayesid.log.log import Log
 from bayesid.log.segments import USUAL, Segmentation
 
 _PACKAGES = ("bayesid", "numpy", "scipy", "pin", "clarabel", "emcee", "arviz")
-"""Whose versions may change a result."""
+"""Packages whose versions may change a result."""
 Completeness = Literal["auto", "off", "only-uncertainty"]
-"""What the catalogue has a say in, beyond the terms asked for."""
+"""Model selection: add detected effects and widen intervals, off, or widen intervals only."""
 COMPLETENESS = get_args(Completeness)
 
 
 def check_completeness(value: str) -> str:
-    """The value itself.
+    """The value, if it is one of `COMPLETENESS`.
 
     Raises:
-        InputError: it is none of those there are.
+        InputError: it is not.
     """
     if value not in COMPLETENESS:
         raise InputError(f"complete = {value!r}", field="complete", remedy=f"give one of {', '.join(COMPLETENESS)}")
@@ -39,18 +39,18 @@ def check_completeness(value: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Preprocessing:
-    """How a log is made ready.
+    """Filtering and segmentation of a log.
 
     Attributes:
-        cutoff: of the motion's low-pass, Hz; from the data by default.
-        prominence: by which a minimum of |effort| must lie below its surroundings to be a cut, as a share of the 99th
-            percentile of the filtered |effort|.
-        threshold: |effort| under which samples take no part in search and fit, as the same share; 0 leaves none out.
-            Their signs follow from the identified model.
-        max_memory: GB that the run may need; 0.8 of the machine's memory by default.
+        cutoff: cut-off of the motion's low-pass, Hz; from the data by default.
+        prominence: prominence from which a minimum of |effort| is a cut, relative to the 99th percentile of the
+            filtered |effort|.
+        threshold: |effort|, relative to the same percentile, below which samples are left out of search and fit; their
+            signs follow from the identified model. 0 leaves none out.
+        max_memory: memory that the run may need, GB; 0.8 of the machine's memory by default.
 
     Raises:
-        InputError: a limit that is none.
+        InputError: a value is out of range.
 
     Example:
         >>> preprocessing = bayesid.Preprocessing(cutoff=8.0)
@@ -65,18 +65,18 @@ class Preprocessing:
 
     @property
     def segmentation(self) -> Segmentation:
-        """How efforts are cut into segments."""
+        """Options of the segmentation."""
         return Segmentation(self.prominence, self.threshold)
 
     def __post_init__(self) -> None:
-        Segmentation(self.prominence, self.threshold)  # refuses what cannot be used
+        Segmentation(self.prominence, self.threshold)  # checks the values
         if self.max_memory is not None and not self.max_memory > 0.0:
             said = f"a memory of {self.max_memory:g} GB"
             raise InputError(said, field="Preprocessing.max_memory", remedy="give more than 0")
 
 
 def plain_options(options: Mapping[str, object]) -> dict[str, object]:
-    """Options as plain values: those of an option object stand under its name, as in `search.budget`."""
+    """Options as plain values; fields of option objects are named as in `search.budget`."""
     plain: dict[str, object] = {}
     for name, value in options.items():
         if is_dataclass(value) and not isinstance(value, type):
@@ -97,9 +97,9 @@ def _plain(value: object) -> object:
 
 
 def call_of_log(log: Log) -> str:
-    """Python that reads a log again; `log` where it never was a file."""
+    """Python code that reads the log; `log` if it was not read from files."""
     carried = {piece.source: piece.payload for piece in log.pieces} or {log.source: ""}
-    if not all(os.path.isfile(source) or os.path.isdir(source) for source in carried):  # a pipe is read once only
+    if not all(os.path.isfile(source) or os.path.isdir(source) for source in carried):  # e.g. a pipe
         return "log"
     unsigned = ",".join(str(j) for j, signed in enumerate(log.signed, start=1) if not signed) or "none"
     options = "".join(f", {name}={value!r}" for name, value in {"unsigned": unsigned, **log.read_with}.items())
@@ -111,13 +111,13 @@ def call_of_log(log: Log) -> str:
 
 
 def call_of(function: str, *given: str, **options: tuple[object, object]) -> str:
-    """Python that calls a function of `bayesid` again; options are (value, usual value), usual ones are left out."""
+    """Python code of a call of `bayesid`; options are (value, default), defaults are left out."""
     named = [f"{name}={_as_python(value)}" for name, (value, usual) in options.items() if repr(value) != repr(usual)]
     return f"bayesid.{function}({', '.join([*given, *named])})"
 
 
 def _as_python(value: object) -> str:
-    """Option objects by what differs from their defaults; long tables in short."""
+    """Option objects with their non-default fields only; tables abbreviated."""
     if is_dataclass(value) and not isinstance(value, type):
         parts = [(one.name, getattr(value, one.name), _usual(one)) for one in fields(value)]
         changed = ", ".join(f"{name}={_as_python(part)}" for name, part, usual in parts if repr(part) != repr(usual))
@@ -131,7 +131,7 @@ def _usual(field: Field[Any]) -> object:
 
 # Memory
 def check_memory(log: Log, limit: float | None) -> None:
-    """Checks that a log fits into so many GB; None is 0.8 of the machine's memory, where the system tells that.
+    """Checks that a log fits into `limit` GB; None is 0.8 of the machine's memory, if known.
 
     Raises:
         InputError: it does not fit.
@@ -146,7 +146,7 @@ def check_memory(log: Log, limit: float | None) -> None:
 
 
 def memory_needed(log: Log) -> float:
-    """GB that an identification of a log will need at its peak, about."""
+    """Approximate peak memory of an identification, GB."""
     grid = (log.t[-1] - log.t[0]) / log.period if log.period > 0.0 else 0.0
     instants = max(float(len(log)), grid)
     kept = TUNING.memory_a_kept_value * min(instants, TUNING.kept_instants)
@@ -163,21 +163,21 @@ def _usual_limit() -> float:
 # Provenance
 @dataclass(frozen=True)
 class Provenance:
-    """How a result came about."""
+    """Options, data and versions of a result."""
 
-    options: Mapping[str, object]  #: what was asked for, by name; plain values only
+    options: Mapping[str, object]  #: options by name, plain values
     data: str  #: SHA-256 of the samples, see `fingerprint`
-    files: Mapping[str, str]  #: each file of the log to its SHA-256; a log that never was a file has none
-    versions: Mapping[str, str]  #: of Python and of the packages that take part
+    files: Mapping[str, str]  #: each file of the log to its SHA-256
+    versions: Mapping[str, str]  #: of Python and packages
     machine: str  #: processor and system
-    date: str  #: when it ended, UTC, ISO 8601
-    command: str | None = None  #: the command line, if there was one
-    call: str = ""  #: the Python call that does the same
-    config: Mapping[str, object] = field(default_factory=dict)  #: what bayesid.toml holds beside the log's reading
+    date: str  #: end of the run, UTC, ISO 8601
+    command: str | None = None  #: the command line, if any
+    call: str = ""  #: the equivalent Python call
+    config: Mapping[str, object] = field(default_factory=dict)  #: bayesid.toml, without the log's reading
 
 
 def record_provenance(options: Mapping[str, object], log: Log, call: str = "") -> Provenance:
-    """What is to be noted after a run on a log with some options, by a Python call."""
+    """Provenance of a run that ends now."""
     return Provenance(
         options=options,
         data=fingerprint(log),
@@ -190,9 +190,9 @@ def record_provenance(options: Mapping[str, object], log: Log, call: str = "") -
 
 
 def hashes(log: Log) -> frozenset[str]:
-    """By which a log is known again: SHA-256 of the samples and of the file of each recording that it holds.
+    """SHA-256 of the log, of each of its recordings, and of their files.
 
-    The file's is the same however it is read, the samples' whatever they are kept in.
+    The file's hash does not depend on reading options, that of the samples not on the file format.
     """
     pieces = []
     for piece in log.pieces:
@@ -203,7 +203,6 @@ def hashes(log: Log) -> frozenset[str]:
 
 
 def _file_digests(log: Log) -> dict[str, str]:
-    """Each file of a log to its SHA-256; a log that never was a file has none."""
     digests = {}
     for source in [piece.source for piece in log.pieces] or [log.source]:
         if os.path.isfile(source):

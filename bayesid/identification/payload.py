@@ -1,13 +1,14 @@
-"""What a robot carries: mass, centre of mass and inertia of a payload from a log with it.
+"""Mass, centre of mass and inertia of a payload, from a log with it.
 
-An earlier log of the robot without it tells the payload from the last link. Each draw of the posterior of both logs
-holds a body: a mass m, a centre of mass h / m, and an inertia about it. Reported are means over draws: a mean of
-inertias is that of a body too (they form a convex cone); numbers taken one by one, such as medians, need not be.
+An earlier log without the payload separates it from the last link. Each draw of the posterior of both logs contains a
+body: mass m, centre of mass h / m, and inertia about it. Means over draws are reported. The mean of inertias is
+    feasible,
+as they form a convex cone; medians of single numbers need not be.
 
-The posterior's prior is as good as flat in the ten parameters, and so favours large bodies where a log says little of
-their size: of second moments S_xx, S_yy, S_zz about the centre there are feasible products (|S_xy| <= sqrt(S_xx S_yy))
-in proportion to S_xx S_yy S_zz. Draws are weighed by the inverse, so that second moments are as likely whatever they
-are (the separation of Barnard, McCulloch and Meng, Modeling covariance matrices, Statistica Sinica 2000).
+The prior is almost flat in the ten parameters. For second moments S_xx, S_yy, S_zz about the centre the volume of
+feasible products (|S_xy| <= sqrt(S_xx S_yy)) is proportional to S_xx S_yy S_zz, so a flat prior favours large bodies.
+Draws are weighted by the inverse, which makes the second moments uniform (separation strategy of Barnard, McCulloch and
+Meng, Modeling covariance matrices, Statistica Sinica 2000).
 """
 
 from __future__ import annotations
@@ -48,16 +49,16 @@ from bayesid.signs.search.protocol import Search
 AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Order of the six numbers of an inertia matrix."""
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Of them in the matrix."""
+"""Their indices in the matrix."""
 STATED, BY_GAINS, ASSUMED = "stated", "gains", "assumed"
-"""Where the standard deviation of the efforts' common factor is from."""
+"""Sources of the standard deviation of the efforts' common factor."""
 BRIEF = Sampling(budget=TUNING.payload_budget)
-"""Of a payload's posterior."""
+"""Sampling of a payload's posterior."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and how certain it is."""
+    """A number and its uncertainty."""
 
     value: float  #: mean of the posterior
     sd: float  #: its standard deviation
@@ -75,8 +76,8 @@ class InertialParameters:
     """A body on the last link, in that link's frame; mass and inertia in the scale of the efforts.
 
     Attributes:
-        mass: kg; where there is no body to be seen, the interval begins at zero.
-        centre: its centre of mass x, y, z, m; None where there is no body to be seen.
+        mass: kg; if no body is detected, the interval begins at zero.
+        centre: centre of mass x, y, z, m; None if no body is detected.
         inertia: about the centre of mass, along the frame's axes, xx, yy, zz, xy, xz, yz, kg m^2; None alike.
     """
 
@@ -86,7 +87,7 @@ class InertialParameters:
 
     @property
     def shown(self) -> bool:
-        """Whether its mass can be told from zero."""
+        """Whether the mass differs significantly from zero."""
         return self.centre is not None
 
     @classmethod
@@ -95,9 +96,9 @@ class InertialParameters:
 
         Args:
             draws: (K, 10) as in `bayesid.robot.inertia`, with masses > 0.
-            shown: whether the body can be told from none. Draws cannot say so: no mass is ever below zero.
-            common_sd: relative sd of the factor that all efforts have in common (see `with_common_factor`): it widens
-                mass and inertia, whose values stay in the scale of the efforts.
+            shown: whether a body was detected; draws cannot show this, as their masses are positive.
+            common_sd: relative sd of the efforts' common factor (see `with_common_factor`); it widens the intervals of
+                mass and inertia.
         """
         draws = evenly_sized(draws)
         wide = with_common_factor(draws, common_sd)
@@ -113,29 +114,29 @@ class InertialParameters:
 
 
 def _widened(draws: Array, wide: Array) -> Estimate:
-    """The mean of draws (K,), with the spread of wider ones (K,)."""
+    """Mean of `draws` (K,), with sd and interval of `wide` (K,)."""
     return replace(Estimate.of_draws(wide), value=float(draws.mean()))
 
 
 def evenly_sized(draws: Array) -> Array:
-    """Draws (K, 10) of a flat prior, resampled so that the second moments about the centre of mass have one.
+    """Draws (K, 10) under a flat prior, resampled to a uniform prior of the second moments about the centre of mass.
 
-    Systematic resampling, so nothing is random; a draw may come several times.
+    Systematic resampling, deterministic; a draw may appear several times.
     """
     mass = draws[:, 9]
     _, inertia = about_centre_of_mass(draws)
     diagonal = np.diagonal(inertia, axis1=1, axis2=2)
-    normal_equations = 0.5 * diagonal.sum(axis=1, keepdims=True) - diagonal
-    weights = 1.0 / np.prod(np.maximum(normal_equations / mass[:, None], TUNING.thin_body**2) * mass[:, None], axis=1)
+    second_moments = 0.5 * diagonal.sum(axis=1, keepdims=True) - diagonal
+    weights = 1.0 / np.prod(np.maximum(second_moments / mass[:, None], TUNING.thin_body**2) * mass[:, None], axis=1)
     shares = np.cumsum(weights) / weights.sum()
     resampled: Array = draws[np.searchsorted(shares, (np.arange(len(draws)) + 0.5) / len(draws))]
     return resampled
 
 
 def with_common_factor(draws: Array, common_sd: float) -> Array:
-    """Draws (K, ...) with the uncertainty of a factor that all efforts have in common: ln of it is N(0, common_sd^2).
+    """Draws (K, ...) times random common factors of the efforts, with ln(factor) ~ N(0, common_sd^2).
 
-    Gains that are 10 % too high make a body seem 10 % heavier, its inertia too; its centre of mass stays.
+    Gains that are 10 % too high make mass and inertia 10 % too large; the centre of mass is not affected.
     """
     if common_sd == 0.0:
         return draws
@@ -144,10 +145,10 @@ def with_common_factor(draws: Array, common_sd: float) -> Array:
 
 
 def common_factor(gains: IdentifiedGains | None, log: Log) -> tuple[float, str]:
-    """Relative sd of the factor that all efforts of a log have in common, and where it is from.
+    """Relative sd of the efforts' common factor, and its source.
 
-    It is that of an identification's gains, where these were unknowns, and 0 of gains that were stated as exact. Where
-    nobody has stated gains, as of efforts that were logged as torques, these may be off by `unstated_gains`.
+    It is that of identified gains, or 0 for gains stated as exact, or `Tuning.unstated_gains` without stated gains, as
+    for logged torques.
     """
     if gains is not None:
         return gains.factor_sd, BY_GAINS
@@ -155,7 +156,7 @@ def common_factor(gains: IdentifiedGains | None, log: Log) -> tuple[float, str]:
 
 
 def gain_factor(mass: Array, known: float, known_sd: float) -> Estimate:
-    """What efforts are to be multiplied by so that a body weighs what it does: its known mass over draws (K,), kg."""
+    """Factor that corrects the efforts: known mass over drawn masses (K,), kg."""
     return Estimate.of_draws((known + known_sd * _normal(len(mass))) / mass)
 
 
@@ -167,22 +168,22 @@ def _normal(count: int) -> Array:
 
 @dataclass(frozen=True)
 class PayloadEstimate:
-    """What a log says about a payload.
+    """An identified payload.
 
     Attributes:
         body: mass, centre of mass and inertia, in the frame of the last link.
-        check: whether nothing but the payload has changed since the earlier log.
-        evidence: chi-square of the payload against none, with ten degrees of freedom: at the least of a quadratic form
-            over a cone what the form loses against the cone's tip is the squared length of the estimate (Moreau 1962).
-        gain_factor: what the efforts are to be multiplied by, by a known mass; None without one, or without a payload.
-        known_mass: kg, with its sd; None where none was given.
-        identification: of the model with the payload from the log.
-        warnings: what the user should know.
-        seconds: of wall time.
-        common_sd: relative sd of the efforts' common factor, which mass and inertia hold.
+        check: whether anything but the payload has changed since the earlier log.
+        evidence: chi-square of the payload against none, ten degrees of freedom: the squared length of the estimate,
+            by which the minimum of a quadratic form over a cone is below its value at the tip (Moreau 1962).
+        gain_factor: factor that corrects the efforts, from a known mass; None without one or without a payload.
+        known_mass: kg, with its sd; None if not given.
+        identification: identification of the model with the payload.
+        warnings: checks that are not good, in words.
+        seconds: wall time.
+        common_sd: relative sd of the efforts' common factor, included in mass and inertia.
         common_sd_from: `stated` (by the user, or by exact gains), `gains` (of the earlier result) or `assumed`.
-        mass_sd_by_log: sd of the mass, kg, if all efforts were right: what the log alone leaves open.
-        read_with: options that the log was read with, where they are others than those of the earlier log.
+        mass_sd_by_log: sd of the mass without that of the common factor, kg.
+        read_with: reading options that differ from those of the earlier log.
 
     Example:
         >>> reading.body.shown, reading.check.joints  # nothing else has changed in any joint
@@ -206,18 +207,18 @@ class PayloadEstimate:
         mass, changed = self.body.mass, ", ".join(map(str, self.check.joints)) or "the links"
         lines = [
             f"Payload from {self.identification.log.source}: {mass.value:.4g} +- {mass.sd:.2g} kg on {self.frame}"
-            f"{'' if self.body.shown else ', which cannot be told from none'}",
-            f"else         {'nothing has changed' if self.check.passed else f'CHANGED: joint {changed}'}",
-            "go on with   .body.mass, .body.centre, .body.inertia, .check, bayesid.save(this, folder)",
+            f"{'' if self.body.shown else ', no payload detected'}",
+            f"otherwise    {'no change' if self.check.passed else f'CHANGED: joint {changed}'}",
+            "next         .body.mass, .body.centre, .body.inertia, .check, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 
     @property
     def frame(self) -> str:
-        """The link in whose frame the body is: the last one of the robot.
+        """The frame of the body: that of the last link.
 
-        Of a Denavit-Hartenberg table that is the frame of its last row, which the standard convention puts at the
-        flange; of a URDF that of the last joint that moves. Frames fixed to that link beyond it are no part of a model.
+        In a Denavit-Hartenberg table this is the frame of the last row, which the standard convention puts at the
+        flange. In a URDF it is that of the last moving joint, without frames fixed to its link.
         """
         return f"link {self.identification.model.robot.n_joints}"
 
@@ -231,11 +232,11 @@ class PayloadEstimate:
         """The body's ten parameters about the frame's origin, in the order of `bayesid.robot.inertia.NAMES`."""
         draws = evenly_sized(_body_draws(self.identification))
         wide = with_common_factor(draws, self.common_sd)
-        return tuple(_widened(one, other) for one, other in zip(draws.T, wide.T, strict=True))
+        return tuple(_widened(narrow, widened) for narrow, widened in zip(draws.T, wide.T, strict=True))
 
     @property
     def gains(self) -> tuple[Array, Array] | None:
-        """(n,) gains that the log was read with, N m/A, and these by the factor; None without gains or factor."""
+        """(n,) gains that the log was read with, N m/A, and the same times the factor; None without gains or factor."""
         read_with = self.identification.log.read_with.get("gains")
         if self.gain_factor is None or read_with is None:
             return None
@@ -255,22 +256,21 @@ def identify_payload(
     preprocessing: Preprocessing = Preprocessing(),
     progress: Progress | Show = SILENT,
 ) -> PayloadEstimate:
-    """Reads mass, centre of mass and inertia of a payload from a log.
+    """Identifies mass, centre of mass and inertia of a payload from a log.
 
     Args:
         earlier: an identification of the robot without the payload, or a stored one.
         log: a log of the robot with the payload, or anything that `bayesid.read_log` reads.
-        known_mass: of the payload, kg, or that with its standard deviation: it tells the efforts' common factor.
-        common_sd: relative sd of the efforts' common factor, which mass and inertia share; by default as
-            `common_factor` says: 0.1 where nobody has stated gains.
-        search: how signs are searched.
-        posterior: how it is sampled.
-        preprocessing: how the log is made ready.
+        known_mass: mass of the payload, kg, or (mass, sd); it shows the efforts' common factor.
+        common_sd: relative sd of the efforts' common factor; by default that of `common_factor`.
+        search: sign search.
+        posterior: sampling of the posterior.
+        preprocessing: filtering and segmentation.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
-        InputError: the log is of another robot, one that the model was identified from, or does not show a mass; the
-            model knows nothing, or holds a payload already; the known mass is none.
+        InputError: the log belongs to another robot or to the model's own identification, or does not show a mass; the
+            model has no uncertainty or has a payload; the known mass is invalid.
         SolverError: an optimisation failed.
 
     Example:
@@ -286,8 +286,8 @@ def identify_payload(
     _check(known, log)
     factor_sd, factor_from = common_factor(known.gains, log) if common_sd is None else (common_sd, STATED)
     if not factor_sd >= 0.0:
-        remedy = "give a share of 0 or more, as in 0.1 for 10 %"
-        raise InputError(f"{factor_sd:g} is no relative standard deviation", field="common_sd", remedy=remedy)
+        remedy = "give a relative standard deviation of 0 or more, as in 0.1 for 10 %"
+        raise InputError(f"{factor_sd:g} is not a relative standard deviation", field="common_sd", remedy=remedy)
     again = identify_again(
         known.model.extend(Payload()),
         log,
@@ -327,20 +327,20 @@ def identify_payload(
 
 
 def _body_draws(again: Identification) -> Array:
-    """(K, 10) of the payload, the last term of the model, by the draws of all modes together."""
+    """(K, 10) draws of the payload, the last term of the model, of all modes together."""
     theta = _posterior_of(again).uncertain.theta
     draws: Array = theta.reshape(-1, theta.shape[-1])[:, -10:]
     return draws
 
 
 def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:
-    """That the earlier log left ratios of gains open: mass and inertia hold the doubt of their factor, not of these."""
+    """Warning that the earlier log did not show some ratios of gains, whose uncertainty the intervals leave out."""
     open_joints = [str(j) for j, by in enumerate(gains.decided_by, start=1) if by == BY_PRIOR] if gains else []
     if not open_joints:
         return []
     return [
-        f"the earlier log left the gains of joint {', '.join(open_joints)} open: what they would change is not in "
-        "these intervals; identify both logs in one, with --payload"
+        f"the earlier log does not show the gains of joint {', '.join(open_joints)}; their uncertainty is not in "
+        "these intervals; identify both logs together, with --payload"
     ]
 
 
@@ -355,31 +355,31 @@ def _stated(known_mass: float | tuple[float, float]) -> tuple[float, float]:
     try:
         mass, sd = (float(known_mass), 0.0) if np.ndim(known_mass) == 0 else map(float, known_mass)  # type: ignore
     except (TypeError, ValueError):
-        raise InputError(f"{known_mass!r} is no mass", field="known_mass", remedy=_REMEDY_OF_MASS) from None
+        raise InputError(f"{known_mass!r} is not a mass", field="known_mass", remedy=_REMEDY_OF_MASS) from None
     if not (0.0 < mass <= LARGEST and 0.0 <= sd < mass / 3.0):
-        raise InputError(f"a mass of {mass:g} kg, give or take {sd:g}", field="known_mass", remedy=_REMEDY_OF_MASS)
+        raise InputError(f"mass {mass:g} kg, sd {sd:g} kg", field="known_mass", remedy=_REMEDY_OF_MASS)
     return mass, sd
 
 
-_REMEDY_OF_MASS = "give kg above 0, with an sd of less than a third of it or none, as in 2.805~0.005"
+_REMEDY_OF_MASS = "give a mass above 0 kg, without sd or with one below a third of it, as in 2.805~0.005"
 
 
 def _check(known: IdentifiedModel, log: Log) -> None:
     where, remedy = "model.toml", "give a result of `bayesid identify` from a log without the payload"
     if any(term.name == Payload.name for term in known.model.terms):
-        raise InputError("the model holds a payload already", where, remedy)
+        raise InputError("the model already has a payload", where, remedy)
     if not known.precision.any():
-        raise InputError("the model knows nothing of its own parameters: a payload cannot be told", where, remedy)
+        raise InputError("the uncertainty of the model's parameters is unknown", where, remedy)
     check_joints(known.model.robot, log.n_joints, log.source)
     if known.seen(log):
         remedy = "give a log with the payload"
-        raise InputError("is a log that the model was identified from", log.source, remedy)
+        raise InputError("the model was identified from this log", log.source, remedy)
     if still_joints(log.q).all():
         raise InputError("no joint moves", log.source, "record a motion in which joints move")
 
 
 def _check_shown(again: Identification) -> None:
-    """The log shows a payload's mass, and is of the robot."""
+    """Checks that the log shows the payload's mass and belongs to the robot."""
     log, effort = again.log.source, again.signals.magnitude
     moving = again.segments.per_sample(again.segments.moving, *effort.shape) > 0
     count = moving.sum(axis=0)
@@ -387,9 +387,9 @@ def _check_shown(again: Identification) -> None:
     if count.max() < least:
         said = f"only {int(count.max())} samples in motion"
         raise InputError(said, log, f"record at least {least} samples in which joints move")
-    spread = np.array([one[which].std() if which.any() else 0.0 for one, which in zip(effort.T, moving.T, strict=True)])
+    spread = np.array([e[used].std() if used.any() else 0.0 for e, used in zip(effort.T, moving.T, strict=True)])
     if np.all(again.fit.residual.sigma > spread):
-        said = "the model with a payload explains no joint's efforts better than a constant would"
+        said = "the model with a payload explains no joint's efforts better than a constant"
         raise InputError(said, log, "give a log of the robot that the model was identified from")
     if not _posterior_of(again).decided_by_data[-1]:
         remedy = "record a motion that turns the payload against gravity, with all joints"

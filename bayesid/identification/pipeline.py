@@ -1,8 +1,8 @@
 """The pipeline: from a log of |effort| to signs, coefficients and feasible parameters.
 
-signals -> segments -> moments -> search (repeated while a segment's predicted effort crosses zero) -> signs of all
-samples (all that once more, if |effort| was low-passed after it was rectified) -> ordinary identification on the signed
-efforts -> posterior -> signs of all samples, averaged over its draws.
+signals -> segments -> normal equations -> search (repeated while a segment's predicted effort crosses zero) -> signs of
+all samples (all repeated if |effort| was low-passed after rectification) -> least squares on the signed efforts ->
+posterior -> signs of all samples, averaged over its draws.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bayesid.effects.bodies import carried_payloads
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.identification.checks import dear_constraints, independent_instants, warnings_of
+from bayesid.identification.checks import contradicted_constraints, independent_instants, warnings_of
 from bayesid.identification.gains import UnknownGains, spread_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.misread import Misreading, misread_after, misread_before
@@ -63,7 +63,7 @@ from bayesid.signs.search.protocol import OneBudget, Search
 from bayesid.signs.sign_solution import Earlier, SignSolution, fitted_to, restored, settle_signs
 
 QUICK = Certified(budget=TUNING.quick_budget)
-"""Search of signs that an earlier log helps to settle."""
+"""Sign search for a log of a robot with an earlier identification."""
 
 
 @one_blas_thread
@@ -86,28 +86,28 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     Args:
         robot: a robot, or a name or file that `bayesid.load_robot` takes.
         log: a log, or anything that `bayesid.read_log` reads.
-        terms: names of the catalogue, or terms of your own.
-        complete: what the rest of the catalogue has a say in: "auto", the model and the uncertainty;
-            "only-uncertainty"; or "off", nothing.
-        search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
-        posterior: how it is sampled, or whether it is.
-        preprocessing: how the log is made ready.
-        prior: what is known of links and parameters beforehand (CAD, data sheet).
-        constraints: that parameters satisfy, everywhere: a function of `StatedParameters` that gives constraints of
-            cvxpy, or a TOML file (`read_constraints`).
-        anyway: whether signs are searched even if the log is surely misread: joints exchanged, turned or in other
-            units, another mounting, efforts without weight.
+        terms: names of the catalogue, or your own terms.
+        complete: model selection: "auto" adds detected effects and widens intervals for those that the log cannot
+            exclude; "only-uncertainty" widens intervals only; "off".
+        search: sign search: `Certified`, `Beam`, or your own object with their protocol.
+        posterior: sampling of the posterior, or whether to sample.
+        preprocessing: filtering and segmentation.
+        prior: prior knowledge of links and parameters (CAD, data sheet).
+        constraints: constraints on the parameters: a function of `StatedParameters` that returns cvxpy constraints, or
+            a TOML file (`read_constraints`).
+        anyway: whether to continue if the input diagnosis finds that the log is misread (joint order, directions,
+            units, mounting, gravity).
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
-    The same seed gives the same result, to the last digit, on a busy machine too: budgets count work, not seconds. Only
-    a time limit ends work early, and the result says so.
+    The same seed gives the same result to the last digit, as budgets count work, not seconds. A time limit that ends
+    work early is reported.
 
     Returns:
         An `Identification`: signs with confidences, coefficients and parameters with standard deviations, warnings, and
-        the model, which predicts and validates. Efforts are in N m, of a prismatic joint in N.
+        the model, which predicts and validates. Efforts are in N m (prismatic joint: N).
 
     Raises:
-        InputError: the robot, the log or an option cannot be used, or the log is surely misread.
+        InputError: the robot, the log or an option cannot be used, or the log is misread.
         SolverError: an optimisation failed.
 
     Example:
@@ -137,7 +137,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     run.call = _call(run, robot, log, terms, constraints)
     gains = UnknownGains(log, prior)
     _check_scale(log, model)
-    if log.gains is None:  # else what looks like another unit is a gain
+    if log.gains is None:  # unknown gains would look like another unit
         run.misread = _misread(run, log, model, signals, segments, anyway=anyway)
     if gains.unknown.any():
         gains.begin(LogData.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
@@ -146,8 +146,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     if complete != "off":
         completing = Completing(complete == "auto", prior.kinematics, preprocessing.segmentation)
     plain = True
-    while True:  # until gains and signs agree, first under the terms asked for, then under the completed model
-        search = run.budget()  # what was spent on signs by other gains proves nothing of these
+    while True:  # until gains and signs converge, first with the given terms, then with the completed model
+        search = run.budget()  # each change of gains needs a new proof
         asked, found = settle_unfiltered(model, signals, segments, search, preprocessing.segmentation, progress)
         run.lap("search")
         plain = plain and gains.moved(asked.log_data, asked.fit.noise, asked.mixed)
@@ -159,7 +159,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
             break
         signals, segments = _cut(run, model, gains.log)
     completed, result = _by_posterior(run, log, asked, completed, gains)
-    if _turned(result):  # effects that were chosen under other signs than the posterior's are chosen anew under these
+    if _flipped(result):  # select effects again, with the signs of the posterior
         search, begun = run.budget(), replace(asked, probability=result.probability)
         asked = settle_signs(model, asked.log_data.signals, found, search, progress, begun=begun)
         run.lap("search")
@@ -169,21 +169,10 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     return replace(result, signals=asked.log_data.signals, model_selection=completed.model_selection)
 
 
-def _subject(
-    robot: Robot, terms: Sequence[str | Term], complete: Completeness, constraints: Says | str | Path | None
-) -> dict[str, object]:
-    """What was asked for beside options that are objects, as plain values."""
-    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
-    subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
-    if constraints is not None:
-        subject["constraints"] = "a function" if callable(constraints) else str(constraints)
-    return subject
-
-
 def _completed(
     run: _Run, asked: SignSolution, segments: Segments, search: Search, completing: Completing | None
 ) -> CompletedSigns:
-    """A second opinion on signs, and effects that enter the model; without `completing` none is looked for."""
+    """Averages signs over alternative models, then adds detected effects unless `completing` is None."""
     averaged = average_over_models(asked, segments, search, run.progress)
     run.lap("second opinion")
     if completing is None:
@@ -196,7 +185,7 @@ def _completed(
 def _by_posterior(
     run: _Run, log: Log, asked: SignSolution, completed: CompletedSigns, gains: UnknownGains
 ) -> tuple[CompletedSigns, Identification]:
-    """The result, without effects whose numbers are consistent with zero under the posterior."""
+    """The result, without detected effects whose parameters are consistent with zero under the posterior."""
     while True:
         sampled = _sampled(run, completed.averaged)
         posterior = sampled[1]
@@ -209,8 +198,8 @@ def _by_posterior(
         run.lap("gains")
 
 
-def _turned(result: Identification) -> bool:
-    """Whether the posterior's signs of a joint are other ones than those that were settled before it."""
+def _flipped(result: Identification) -> bool:
+    """Whether the chosen mode of the posterior flips a joint against the search."""
     posterior = result.posterior
     return posterior is not None and bool(posterior.turned_joints(posterior.chosen, result.search.signs))
 
@@ -227,21 +216,20 @@ def identify_again(
     preprocessing: Preprocessing = Preprocessing(),
     progress: Progress = SILENT,
 ) -> Identification:
-    """Identifies a given model from a log; no effect enters.
+    """Identifies a given model from a log; no effects are added.
 
-    Signs are searched from scratch, and settled once more under the parameters given: those that agree better with log
-    and knowledge are kept. Without knowledge the log is all there is to go by, as a first log is: what the catalogue
-    holds besides, and the geometry, widen the uncertainty of the coefficients.
+    Signs are searched twice: from scratch and from the given parameters; the better ones for log and knowledge are
+    kept. Without knowledge, effects that the log cannot exclude widen the intervals.
 
     Args:
         model: robot, terms and distortions.
         log: a log.
-        knowledge: what an earlier log has shown of some of the parameters; None if nothing.
-        theta: (P,) parameters from which signs are settled too.
-        search: how signs are searched.
-        posterior: how it is sampled, or whether it is.
-        preprocessing: how the log is made ready.
-        progress: of long stages.
+        knowledge: knowledge of parameters from an earlier log, if any.
+        theta: (P,) parameters for the second search.
+        search: sign search.
+        posterior: sampling of the posterior, or whether to sample.
+        preprocessing: filtering and segmentation.
+        progress: progress of long stages.
 
     Raises:
         SolverError: an optimisation failed.
@@ -279,15 +267,15 @@ def identify_again(
 def identify_with(
     model: Model, log: Log, signals: Signals, searched: SegmentSigns, search: Search, progress: Progress = SILENT
 ) -> Identification:
-    """Fits a model to a log whose signs are found already: no round, second opinion, effect or posterior.
+    """Fits a model to a log with signs from an earlier search, without further rounds, model selection or posterior.
 
     Args:
         model: robot and terms.
         log: a log.
-        signals: what `prepare` makes of it.
+        signals: the prepared log.
         searched: the signs of its segments.
-        search: how they were found, for the record.
-        progress: of long stages.
+        search: the search that found them, for the provenance.
+        progress: progress of long stages.
 
     Raises:
         SolverError: an optimisation failed.
@@ -303,7 +291,7 @@ def identify_with(
 
 @dataclass
 class _Run:
-    """What a run was asked for, the Python call that asks the same, and the seconds that its stages took."""
+    """Options of a run, its Python call, and the duration of its stages, s."""
 
     search: Search
     posterior: Sampling | bool
@@ -312,30 +300,31 @@ class _Run:
     progress: Progress
     subject: Mapping[str, object]
     call: str = ""
-    misread: Misreading | None = None  # what was seen of it before the search
+    misread: Misreading | None = None  # found before the search
     laps: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
     def __post_init__(self) -> None:
         if isinstance(self.search, str):
-            raise InputError(f"{self.search!r} is no search", "search", "give bayesid.Certified() or bayesid.Beam()")
+            said = f"{self.search!r} is not a search"
+            raise InputError(said, "search", "give bayesid.Certified() or bayesid.Beam()")
         if not isinstance(self.posterior, bool | Sampling):
             remedy = "give True, False or bayesid.Sampling()"
-            raise InputError(f"{self.posterior!r} is no sampling", "posterior", remedy)
+            raise InputError(f"{self.posterior!r} is not a sampling", "posterior", remedy)
         if not isinstance(self.prior, ParameterPrior):
-            said = f"{type(self.prior).__name__} is no prior"
+            said = f"{type(self.prior).__name__} is not a prior"
             raise InputError(said, "prior", "give bayesid.ParameterPrior(nominal=..)")
 
     @property
     def sampling(self) -> Sampling | None:
-        """How the posterior is sampled; None if it is not."""
+        """Sampling of the posterior; None if not sampled."""
         if isinstance(self.posterior, bool):
             return Sampling() if self.posterior else None
         return self.posterior
 
     @property
     def asked(self) -> dict[str, object]:
-        """All that was asked for, by name, as plain values."""
+        """All options by name, as plain values."""
         objects = {"search": self.search, "posterior": self.sampling, "preprocessing": self.preprocessing}
         return plain_options({**self.subject, **objects, "prior": self.prior})
 
@@ -344,15 +333,15 @@ class _Run:
         return time.perf_counter()
 
     def budget(self) -> OneBudget:
-        """A budget for all searches by the same gains; the time limit is one for all, whatever the gains."""
+        """A new budget for searches with the same gains, with the time that remains of one limit for all."""
         return OneBudget(self.search, self._searching_since)
 
     def left(self, sampling: Sampling) -> Sampling:
-        """The same with what is left of its time limit after the posteriors of models that were given up."""
+        """The sampling with the rest of its time limit after earlier posteriors."""
         return replace(sampling, time_limit=max(sampling.time_limit - self.laps.get("posterior", 0.0), 0.0))
 
     def lap(self, stage: str) -> None:
-        """A stage has ended, for the first time or once more."""
+        """Adds the time since the last lap to a stage."""
         now = time.perf_counter()
         self.laps[stage], self._last = self.laps.get(stage, 0.0) + now - self._last, now
 
@@ -360,7 +349,7 @@ class _Run:
 def _prepared(
     run: _Run, robot: Robot, log: LogSource, terms: Sequence[str | Term], constraints: Says | str | Path | None
 ) -> tuple[Log, Model, Signals, Segments]:
-    """Log, model, signals and segments; what cannot be used is refused before the search."""
+    """Log, model, signals and segments, checked."""
     with run.progress.stage("prepare"):
         log = as_log(log, robot)
         check_memory(log, run.preprocessing.max_memory)
@@ -381,19 +370,19 @@ def _prepared(
 def _misread(
     run: _Run, log: Log, model: Model, signals: Signals, segments: Segments, *, anyway: bool
 ) -> Misreading | None:
-    """What is wrong with the log, as far as that shows before the search; what is sure is refused."""
+    """Input diagnosis before the search; a log that is surely misread is refused."""
     log_data = LogData.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
     with run.progress.stage("check before the search"):
         found = misread_before(log_data)
     run.lap("other readings")
     if found is None or not found.sure or anyway:
         return found
-    remedy = f"{found.remedy}, or `anyway` to search signs all the same; other faults may appear once this is corrected"
-    raise InputError(f"the log looks misread: {found.told}", log.source, remedy)
+    remedy = f"{found.remedy}, or `anyway` to continue; other faults may appear once this is corrected"
+    raise InputError(f"the log looks misread: {found.message_with_odds}", log.source, remedy)
 
 
 def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
-    """Signals and segments of the log once its efforts have changed."""
+    """Signals and segments of the log with rescaled efforts."""
     signals = prepare(log, run.preprocessing.cutoff)
     segments = find_segments(signals, model.robot.actuators(signals.motion), run.preprocessing.segmentation)
     run.lap("gains")
@@ -403,7 +392,7 @@ def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
 def _call(
     run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...], constraints: Says | str | Path | None
 ) -> str:
-    """Python that does the run again; `robot` and `constraints` stand for what was made or changed in Python."""
+    """Python code of the run; `robot` and `constraints` stand for objects made in Python."""
     return call_of(
         "identify",
         "robot" if robot.origin is None else robot.origin.in_python,
@@ -419,23 +408,23 @@ def _call(
 
 
 class _Named:
-    """Constraints as a call names them."""
+    """Constraints, shown as in a call."""
 
     def __init__(self, constraints: Says | str | Path | None) -> None:
-        self._said = "constraints" if callable(constraints) else repr(constraints and str(constraints))
+        self._name = "constraints" if callable(constraints) else repr(constraints and str(constraints))
 
     def __repr__(self) -> str:
-        return self._said
+        return self._name
 
 
 _Sampled = tuple[AveragedSigns, Posterior | None, Array]
-"""Signs with the fit of the chosen mode, the posterior if any, and (N, n) P(sign = +), averaged over it."""
+"""Signs with the fit of the chosen mode, the posterior if sampled, and (N, n) P(sign = +), averaged over it."""
 
 
 def _identification(
     run: _Run, log: Log, signals: Signals, model: Model, sampled: _Sampled, gains: UnknownGains | None = None
 ) -> Identification:
-    """Doubts, and the signs of segments; `model` holds the sensors' distortions too."""
+    """Assembles the result; `model` includes the sensors' distortions."""
     seen, spread, known = hashes(log), *((None, None) if gains is None else (gains.fit, gains.identified))
     log = log if gains is None else gains.log
     averaged, posterior, probability = sampled
@@ -447,16 +436,14 @@ def _identification(
     if run.misread is not None and (reading is None or run.misread.log10_odds > reading.log10_odds):
         reading = run.misread
     run.lap("other readings")
-    for one in (asked.model, sign_solution.model):
-        one.forget()
+    for used in (asked.model, sign_solution.model):
+        used.forget()
     model_error_probability = model_error_probabilities(sign_solution)
     probability = tempered_by_outliers(
         sign_solution, (1.0 - model_error_probability) * probability + 0.5 * model_error_probability
     )
-    unseen = np.where(
-        sign_solution.log_data.signals.signed, 0.0, sign_solution.signs.search.unlisted_probability
-    )  # mass of unseen assignments
-    probability = (1.0 - unseen) * probability + 0.5 * unseen
+    unlisted = np.where(sign_solution.log_data.signals.signed, 0.0, sign_solution.signs.search.unlisted_probability)
+    probability = (1.0 - unlisted) * probability + 0.5 * unlisted
     segments = sign_solution.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     identified, fit = identified_model(model, asked.log_data, averaged.fit, posterior, spread), averaged.fit
@@ -489,7 +476,7 @@ def _identification(
             *warnings_of(
                 log, averaged, model_error_probability, posterior, reading, known, run.prior.of(asked.model.parameters)
             ),
-            *map(str, dear_constraints(prices)),
+            *map(str, contradicted_constraints(prices)),
         ),
         prior=run.prior,
         provenance=record_provenance(run.asked, log, run.call),
@@ -524,28 +511,29 @@ def _check(robot: Robot, log: Log) -> None:
     if still_joints(log.q).all():
         raise InputError("no joint moves", log.source, "record a motion in which joints move")
     if (log.payload != "").all():
-        remedy = "add a log without payload, or name none: it is then a part of the last link"
-        raise InputError("no log without a payload, which alone tells it from the last link", log.source, remedy)
+        remedy = "add a log without payload, or leave out --payload: it is then part of the last link"
+        raise InputError("no log without a payload: it cannot be separated from the last link", log.source, remedy)
 
 
 def _check_scale(log: Log, model: Model) -> None:
-    """Uncertain gains scale all parameters, and are drawn after them: what is stated has to bear that."""
+    """Uncertain gains scale all drawn parameters, so constraints must allow scaling."""
     if log.gains is None or model.constraints is None:
         return
     kept = model.constraints.homogeneous.labels
     if bound := [label for label in model.constraints.labels if label not in kept]:
-        said = f"{', '.join(bound)} cannot be used with uncertain gains: a fixed bound or an equality limits these too"
-        remedy = "give exact gains, or leave it out and state single masses with their sd by --nominal"
+        said = f"{', '.join(bound)} cannot be used with uncertain gains, which scale all parameters"
+        remedy = "give exact gains, or state single masses with their sd by --nominal instead"
         raise InputError(said, field="constraints", remedy=remedy)
 
 
 def _check_amount(signals: Signals, segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
     samples, count = int((segments.end - segments.start)[segments.fitted].sum()), len(coefficients)
-    remedy = "record a longer log or name fewer `terms`"
+    remedy = "record a longer log or give fewer `terms`"
     if len(log) < count:
-        independent = f"{independent_instants(signals)} independent samples a joint"
+        independent = f"{independent_instants(signals)} independent samples per joint"
         said = f"too short to identify {count} coefficients from {len(log)} rows ({independent})"
         raise InputError(said, log.source, remedy)
     if samples < TUNING.samples_a_coefficient * count:
         which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
-        raise InputError(f"{samples} samples {which} for {count} coefficients", log.source, remedy)
+        needed = f"at least {TUNING.samples_a_coefficient * count} are needed"
+        raise InputError(f"{samples} samples {which} for {count} coefficients; {needed}", log.source, remedy)

@@ -1,4 +1,4 @@
-"""Efforts of a motion with their uncertainty, and how well they predict a log that the model has not seen."""
+"""Predicted efforts of a motion with their uncertainty, and validation on another log."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 MotionLike: TypeAlias = Motion | RecordedMotion | Log | str | Path | Sequence[object] | Variables
-"""What efforts can be predicted of: a motion, a log, a file of either, arrays (t, q[, dq[, ddq]]), or by name."""
+"""Input of predictions: a motion, a log, a file of either, or arrays (t, q[, dq[, ddq]]), also by name."""
 
 NORMAL_95 = 1.959963984540054
-"""Standard deviations within which 95 % of a normal distribution lie: the 0.975 quantile."""
+"""0.975 quantile of the standard normal distribution."""
 BY_POSTERIOR, BY_INFORMATION, NOISE_ALONE = "by the posterior", "by the information matrix", "noise alone"
-"""Where the uncertainty of a prediction comes from: draws; least squares; or nothing is known of the parameters'."""
+"""Sources of a prediction's uncertainty: draws; least squares; noise only, if the parameters' is unknown."""
 _UNKNOWN, _INVOLVED = 1e-12, 1e-3
-"""Information about a combination of coefficients, relative to the best known one, below which it is rounding; share of
-an instant's columns in such combinations from which on its effort is unknown: as in `regression.least_squares`."""
+"""Relative information about a combination of coefficients that is rounding error; share of a sample's columns in such
+combinations above which its effort is unknown. As in `regression.least_squares`."""
 
 
 @dataclass(frozen=True, repr=False)
 class PredictedEfforts:
-    """Efforts predicted for a motion of N instants.
+    """Predicted efforts of a motion with N samples.
 
-    Bands are those of the normal distribution of this mean and sd (:eq:`prediction-band`).
+    Bands are those of a normal distribution with this mean and sd (:eq:`prediction-band`).
 
     Attributes:
-        t: (N,) the motion's instants, s.
-        mean: (N, n) the model's efforts, N m (N of a prismatic joint).
-        sd_of_mean: (N, n) standard deviation of the model's efforts, as its parameters are uncertain; inf where the log
-            has shown nothing of what this motion needs, 0 where nothing is known of the parameters' uncertainty.
+        t: (N,) time, s.
+        mean: (N, n) the model's efforts, N m (prismatic joint: N).
+        sd_of_mean: (N, n) standard deviation due to the parameters; inf if the log does not determine the effort, 0 if
+            the parameters' uncertainty is unknown.
         sd_of_noise: (n,) standard deviation of a measured, unfiltered effort about the model's.
-        noise: whether `sd`, `lower`, `upper` and `draws` are of a measured effort, with its noise, or of the model's.
-        basis: where the uncertainty comes from: "by the posterior", "by the information matrix", or "noise alone".
-        units: (n,) of the efforts.
-        draws: (K, N, n) efforts drawn from what sd and band describe; None if none were asked for.
+        noise: whether `sd`, `lower`, `upper` and `draws` include the noise of a measured effort.
+        basis: source of the uncertainty: "by the posterior", "by the information matrix", or "noise alone".
+        units: (n,) units of the efforts.
+        draws: (K, N, n) drawn efforts, if requested.
 
     Example:
         >>> predicted = result.predict(motion, draws=20)
@@ -92,7 +92,7 @@ class PredictedEfforts:
 
     @property
     def holds(self) -> str:
-        """What the band accounts for, in words."""
+        """Contents of the band, in words."""
         if self.basis == NOISE_ALONE:
             return NOISE_ALONE
         return f"parameters{' and noise' if self.noise else ''}, {self.basis}"
@@ -107,8 +107,8 @@ class PredictedEfforts:
         lines = [
             f"PredictedEfforts: {len(self.t)} instants of {self.mean.shape[1]} joints{drawn}",
             f"largest effort   {largest} ({', '.join(dict.fromkeys(self.units))})",
-            f"95 % band        +- {half} in the middle; holds {self.holds}",
-            "go on with       .mean, .sd, .lower, .upper, .to_dataframe(), .to_xarray()",
+            f"95 % band        median +- {half}; includes {self.holds}",
+            "next             .mean, .sd, .lower, .upper, .to_dataframe(), .to_xarray()",
         ]
         return "\n  ".join(lines)
 
@@ -125,7 +125,7 @@ class PredictedEfforts:
         return DataFrame(self.columns())
 
     def to_xarray(self) -> Dataset:
-        """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for."""
+        """An `xarray.Dataset` over time (s) and joint (from 1), and draw if there are draws."""
         from xarray import Dataset
 
         over, unit = ("time", "joint"), {"units": ", ".join(dict.fromkeys(self.units))}
@@ -140,7 +140,7 @@ class PredictedEfforts:
         return Dataset(variables, coordinates, {"band": self.holds, "band_mass": 0.95})
 
     def save(self, path: str | Path) -> Path:
-        """Writes a CSV file with the columns of `to_dataframe`; one that is there is replaced as a whole.
+        """Writes a CSV file with the columns of `to_dataframe`; an existing file is replaced.
 
         Raises:
             InputError: the file cannot be written.
@@ -154,12 +154,12 @@ class PredictedEfforts:
 def motion_of(
     given: MotionLike, robot: Robot, cutoff: float | None = None, selected: Mapping[str, Any] = MappingProxyType({})
 ) -> Motion:
-    """The motion that is meant: as it stands if accelerations are given, else low-passed and differentiated.
+    """The given motion; without accelerations it is low-passed and differentiated.
 
-    Files and tables are read by options `selected` of a result's log.
+    Files and tables are read with the options `selected`.
 
     Raises:
-        InputError: it is none, cannot be used, or has another number of joints.
+        InputError: it cannot be used, or has another number of joints.
     """
     motion = _read(given, selected)
     n, source = (motion.n_joints, GIVEN) if isinstance(motion, Motion) else (motion.q.shape[1], motion.source)
@@ -170,18 +170,17 @@ def motion_of(
 
 
 def check_payloads(model: Model, motion: Motion) -> None:
-    """A motion carries what a model knows.
+    """Checks that a model has the payloads of a motion.
 
     Raises:
-        InputError: it carries something else.
+        InputError: it lacks one.
     """
     for label in set(motion.payload.tolist()) - {"", *model.payloads}:
         known = ", ".join(model.payloads) or "none"
-        raise InputError(f"the model knows no payload {label!r}", GIVEN, f"give one that it knows ({known}), or none")
+        raise InputError(f"the model has no payload {label!r}", GIVEN, f"give one that it has ({known}), or none")
 
 
 def _read(given: MotionLike, selected: Mapping[str, Any]) -> Motion | RecordedMotion:
-    """What was given, checked."""
     if isinstance(given, Motion | RecordedMotion):
         return given
     if isinstance(given, Log):
@@ -190,12 +189,12 @@ def _read(given: MotionLike, selected: Mapping[str, Any]) -> Motion | RecordedMo
         return _of_arrays(given)
     if isinstance(given, str | Path | Mapping | Frame) or (isinstance(given, np.ndarray) and given.dtype.names):
         return read_alike(read_motion, given, selected, {})
-    raise InputError(f"{type(given).__name__} is no motion", GIVEN, _REMEDY)
+    raise InputError(f"{type(given).__name__} is not a motion", GIVEN, _REMEDY)
 
 
 def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
     if not 2 <= len(given) <= 4:
-        raise InputError(f"{len(given)} arrays are no motion", GIVEN, _REMEDY)
+        raise InputError(f"{len(given)} arrays are not a motion", GIVEN, _REMEDY)
     if len(given) < 4 or given[3] is None:
         return motion_of_arrays(*given[:3])
     try:
@@ -203,7 +202,7 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
         motion = Motion(t, q, dq, ddq)
         steps = np.diff(motion.t)
         if not len(motion) or np.any(steps < 0.0):
-            raise ValueError("time runs backwards" if len(motion) else "holds no instant")
+            raise ValueError("time decreases" if len(motion) else "has no samples")
         if np.any(steps == 0.0):
             raise ValueError("t does not increase from row to row")
     except (TypeError, ValueError) as error:
@@ -215,18 +214,18 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
 _REMEDY = "give a file, a log, a DataFrame, or arrays (t, q[, dq[, ddq]])"
 
 
-# What the parameters' uncertainty makes of the efforts
+# Uncertainty of efforts due to the parameters
 @dataclass(frozen=True)
 class Spread:
     """A normal distribution of the r base coefficients about their mean."""
 
     selected: Integers  # (r,) indices of the parameters whose columns are the coefficients'
-    root: Array  # (r, k) of their covariance: it is root root'
-    unknown: Array  # (r, u) combinations of which nothing is known
-    scale: Array  # (r,) by which columns are divided before they are compared with these
+    root: Array  # (r, k) root of the covariance root root'
+    unknown: Array  # (r, u) combinations without information, for scaled columns
+    scale: Array  # (r,) divisor of the columns
 
     def sd(self, columns: Array) -> Array:
-        """(N, n) of the efforts, of the model's columns (N, n, P)."""
+        """(N, n) sd of the efforts, from the model's columns (N, n, P)."""
         rows = columns[:, :, self.selected]
         scaled = rows / self.scale
         share = np.linalg.norm(scaled @ self.unknown, axis=2)
@@ -235,7 +234,7 @@ class Spread:
 
     @classmethod
     def of_precision(cls, model: Model, precision: Array, beyond: Array) -> Spread:
-        """From the coefficients' inverse covariance (r, r), and a covariance (r, r) beyond that."""
+        """From the coefficients' inverse covariance (r, r), and a covariance (r, r) to add."""
         scale = scale_of(precision)
         values, vectors = np.linalg.eigh(precision / scale[:, None] / scale)
         known = values > _UNKNOWN * values.max()
@@ -259,7 +258,7 @@ def _root(covariance: Array) -> Array:
 
 
 def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) -> Array:
-    """(K, N, n) noise of measured efforts at instants t (N,), of these sd (K, n), N m, with the colour of `noise`."""
+    """(K, N, n) noise of measured efforts at times t (N,), with sd (K, n), N m, and the autocorrelation of `noise`."""
     steps = np.diff(t)
     period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 1.0
     unit = noise.draw(len(t), len(sigma), 1.0 / period, rng) / noise.sigma[:, None]
@@ -269,23 +268,23 @@ def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) 
 # Validation
 @dataclass(frozen=True)
 class Validation:
-    """How well a model predicts a log.
+    """Comparison of a log with a model's prediction.
 
     Attributes:
         log: the raw log.
-        signals: the log on an even grid of N instants.
+        signals: the log on an even grid of N samples.
         segments: its segments.
-        probability: (N, n) P(sign = +) of every sample under the model; 0 or 1 where the log is signed.
-        measured: (N, n) efforts with their likelier signs, lightly filtered, N m.
+        probability: (N, n) P(sign = +) of every sample under the model; 0 or 1 for signed joints.
+        measured: (N, n) efforts with their most probable signs, filtered, N m.
         predicted: (N, n) the model's efforts, N m.
-        rms_error: (n,) RMS of measured - predicted in motion, N m; NaN of a joint without a sample to compare.
+        rms_error: (n,) RMS of measured - predicted in motion, N m; NaN of a joint without samples.
         relative_residual: (n,) the same over the RMS of the measured effort.
         lower: (N, n) lower end of the 95 % band of the unfiltered effort, N m (:eq:`prediction-band`).
         upper: (N, n) its upper end, N m.
-        coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
-        band: what the band accounts for.
-        seen: whether the model was identified from this log: then it is no validation.
-        read_with: options that the log was read with, where they are others than those of the model's log.
+        coverage: (n,) share of the unfiltered efforts in motion, with their most probable signs, inside the band.
+        band: contents of the band, in words.
+        seen: whether the model was identified from this log, which is then no validation.
+        read_with: reading options that differ from those of the model's log.
 
     Example:
         >>> check = result.validate("another_log.csv")
@@ -310,7 +309,7 @@ class Validation:
 
     @property
     def not_compared(self) -> dict[int, str]:
-        """Joints, from 1, without a sample to compare, and why."""
+        """Joints (from 1) without samples, and the reason."""
         why = {True: "not in motion", False: "no effort recorded"}
         there = (self.log.effort != 0.0).any(axis=0)
         return {int(j) + 1: why[bool(there[j])] for j in np.flatnonzero(np.isnan(self.rms_error))}
@@ -323,16 +322,16 @@ class Validation:
             "joint    RMS error   relative residual   in 95 % band",
             *(f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}" for j, error, share, inside in figures),
             *(f"joint {joint}: {why}" for joint, why in self.not_compared.items()),
-            f"the band holds {self.band}",
+            f"the band includes {self.band}",
             *(["no validation: the model was identified from this log"] if self.seen else []),
         ]
         return "\n  ".join(lines)
 
 
 def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEfforts, noise: Noise) -> Validation:
-    """Settles a log's unknown signs under a prediction of its motion, with a measurement's noise, and compares the two.
+    """Estimates a log's unknown signs from a prediction, which includes noise, and compares the two.
 
-    `noise` is that of the model's residual on the log it was identified from.
+    `noise` is that of the model's residual on the identified log.
     """
     segments = find_segments(signals, robot.actuators(signals.motion))
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
@@ -340,7 +339,7 @@ def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEffor
     probability = sign_probabilities(signals, predicted, moving, noise)
     signs = np.where(probability >= 0.5, 1.0, -1.0)
     measured, unfiltered = signed_effort(signals, signs), signed_effort(signals, signs, filtered=False)
-    moving &= (log.effort != 0.0).any(axis=0)  # else there is nothing to compare with
+    moving &= (log.effort != 0.0).any(axis=0)  # joints without recorded efforts
     residual, count = measured - predicted, np.where(moving.any(axis=0), moving.sum(axis=0), np.nan)
     inside = (unfiltered >= lower) & (unfiltered <= upper)
     return Validation(

@@ -1,10 +1,9 @@
-"""How a log might have to be read, and what the model leaves of it then: by least squares, with signs of its own.
+"""Readings of a log and their residuals, with signs fitted to each reading.
 
-A reading says whose log it is, which recorded joint each joint is by its positions and by its efforts, and the factors
-and zeros of what was recorded. It is fitted with the standard terms to some hundred instants. Unknown signs and
-coefficients are fitted in turn, first joint by joint from the efforts of robots drawn at random, whose gravity and
-friction have about the right signs; then of the two sides of each joint those are taken that explain all joints
-together, and signs and coefficients of all of them are fitted in turn.
+A reading states the robot, which recorded joint each joint is, and factors and zeros of the recorded values. It is
+fitted with the standard terms to some hundred samples, signs and coefficients in turn. First each joint is fitted
+alone, starting from efforts of random robots, whose gravity and friction have about the right signs. Then those signs
+of whole joints are taken that fit best together, and all joints are fitted together.
 """
 
 from __future__ import annotations
@@ -32,25 +31,25 @@ from bayesid.robot import Robot
 from bayesid.simulation.parameters import random_parameters
 
 BLIND = 1e-9
-"""Square of what is left of a column of length 1, once others have explained it, that is rounding."""
+"""Squared residual of a unit column projected on others that is rounding error."""
 _LEAST = 1e-6
-"""Relative residual that rounding leaves of a perfect fit."""
+"""Smallest relative residual that is not rounding error."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How a log might have to be read.
+    """A way to read a log.
 
     Attributes:
-        robot: whose log it is.
-        order: (n,) the recorded joint that each joint of the robot is, by its positions.
-        efforts: (n,) and by its efforts.
-        factor: (n,) of the positions.
-        zero: (n,) added to them then, rad.
-        turned: (n,) +1 or -1, of the efforts where their signs are known.
+        robot: the robot.
+        order: (n,) index of the recorded positions of each joint.
+        efforts: (n,) index of the recorded efforts of each joint.
+        factor: (n,) factor of the positions.
+        zero: (n,) added to the scaled positions, rad.
+        effort_sign: (n,) factor +1 or -1 of efforts with known signs.
         units: (n,) factor of the efforts.
-        kind: see `bayesid.identification.misread.Misreading`.
-        change: see there.
+        kind: as in `bayesid.identification.misread.Misreading`.
+        change: as there.
     """
 
     robot: Robot
@@ -58,65 +57,65 @@ class Reading:
     efforts: Integers
     factor: Array
     zero: Array
-    turned: Array
+    effort_sign: Array
     units: Array
     kind: str = ""
     change: str = ""
 
     @classmethod
     def as_given(cls, robot: Robot) -> Reading:
-        """Nothing is changed."""
+        """The log as given."""
         order, ones = np.arange(robot.n_joints), np.ones(robot.n_joints)
         return cls(robot, order, order, ones, 0.0 * ones, ones, ones)
 
     @property
     def key(self) -> tuple[int, bytes, bytes, bytes]:
-        """The same for readings with the same columns."""
+        """Equal for readings with equal columns."""
         return id(self.robot), self.order.tobytes(), self.factor.tobytes(), self.zero.tobytes()
 
     @property
     def of_one_joint(self) -> bool:
-        """Whether one joint alone is read in other units."""
+        """Whether the units of exactly one joint differ."""
         others = (np.abs(self.factor) != 1.0) | (self.units != 1.0)
         return len(others) > 1 and int(others.sum()) == 1
 
     @property
     def changed(self) -> Mask:
-        """(n,) whether anything of a joint is read otherwise."""
-        own = np.arange(len(self.order))
-        moved = (self.order != own) | (self.efforts != own) | (self.zero != 0.0)
-        changed: Mask = moved | (self.factor != 1.0) | (self.turned != 1.0) | (self.units != 1.0)
+        """(n,) whether the reading of a joint differs from the given one."""
+        same = np.arange(len(self.order))
+        moved = (self.order != same) | (self.efforts != same) | (self.zero != 0.0)
+        changed: Mask = moved | (self.factor != 1.0) | (self.effort_sign != 1.0) | (self.units != 1.0)
         return changed
 
     def motion(self, recorded: Motion) -> Motion:
-        """Of the robot's joints."""
+        """Motion of the robot's joints."""
         q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
         return replace(recorded, q=q + self.zero, dq=dq, ddq=ddq)
 
     def model(self, motion: Motion) -> Model:
-        """The standard terms, and what the flange carries."""
+        """Standard terms and payloads."""
         actuators = self.robot.actuators(motion)
         terms = tuple(TERMS[name].for_motion(actuators) for name in STANDARD)
         return Model(self.robot, (*terms, *carried_payloads(motion)))
 
     def columns(self, recorded: Motion) -> Array:
-        """(N, n, P) of the model."""
+        """(N, n, P) columns of the model."""
         motion = self.motion(recorded)
         return self.model(motion).columns(motion)
 
     @property
     def corrections(self) -> str:
-        """Of what was recorded, as `bayesid.read_log` takes them; empty where it is right."""
-        said = [
+        """Corrections for `bayesid.read_log`; empty if none are needed."""
+        parts = [
             *_corrections("q", self.order, self.factor, self.zero),
-            *_corrections("tau", self.efforts, self.turned * self.units, 0.0 * self.zero),
+            *_corrections("tau", self.efforts, self.effort_sign * self.units, 0.0 * self.zero),
         ]
-        return ",".join(said)
+        return ",".join(parts)
 
 
 def _corrections(kind: str, order: Integers, factor: Array, zero: Array) -> list[str]:
-    own = np.array_equal(order, np.arange(len(order)))
-    if own and not zero.any() and np.all(factor == factor[0]):
+    in_order = np.array_equal(order, np.arange(len(order)))
+    if in_order and not zero.any() and np.all(factor == factor[0]):
         return [] if factor[0] == 1.0 else [f"{kind}={_times(factor[0])}{kind}"]
     return [
         f"{kind}{j}={_times(by)}{kind}{other + 1}{f'{shift:+.6g}' if shift else ''}"
@@ -130,7 +129,7 @@ def _times(factor: float) -> str:
 
 
 class Excerpt(NamedTuple):
-    """Some instants of a log: motion, efforts (N, n), which of them count, and of which joints (n,) signs are known."""
+    """Some samples of a log: motion, efforts (N, n), whether they are used (N, n), and joints with known signs (n,)."""
 
     motion: Motion
     effort: Array
@@ -139,26 +138,26 @@ class Excerpt(NamedTuple):
 
     @classmethod
     def of(cls, motion: Motion, effort: Array, used: Mask, signed: Mask, instants: int) -> Excerpt:
-        """At most so many instants, evenly spread over those that count."""
+        """At most this many samples, evenly spread over those that are used."""
         rows = np.flatnonzero(used.any(axis=1))
         rows = rows[np.linspace(0, len(rows) - 1, min(instants, len(rows))).round().astype(int)]
         return cls(motion[rows], effort[rows], used[rows], signed)
 
     def read(self, reading: Reading) -> tuple[Array, Mask, Mask]:
-        """(N, n) efforts and (N, n) which count, and (n,) known signs, of the robot's joints."""
+        """(N, n) efforts, (N, n) whether they are used, and (n,) whether signs are known, of the robot's joints."""
         signed = self.signed[reading.efforts]
-        effort = self.effort[:, reading.efforts] * np.where(signed, reading.turned, 1.0) * reading.units
+        effort = self.effort[:, reading.efforts] * np.where(signed, reading.effort_sign, 1.0) * reading.units
         return effort, self.used[:, reading.order] & self.used[:, reading.efforts], signed
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a reading leaves of an excerpt."""
+class ReadingResidual:
+    """Residual of a reading on an excerpt."""
 
     residual: Array  #: (N, n) of each recorded joint, relative to its effort
-    used: Mask  #: (N, n) which count
+    used: Mask  #: (N, n) samples that are used
     size: int  #: number of coefficients
-    effort: Array = field(repr=False)  #: (N, n) of the recorded joints, with the signs that suit the reading
+    effort: Array = field(repr=False)  #: (N, n) of the recorded joints, with the reading's signs
 
     @cached_property
     def share(self) -> Array:
@@ -176,31 +175,25 @@ class Left:
         return used.sum() / integrated_time(autocovariance(residual, used, len(residual) // TUNING.longest_lag_share))
 
 
-def gain_of(given: Left, other: Left, count: Array) -> float:
-    """Twice the nats by which another reading is likelier than the given one (:eq:`reading-gain`)."""
+def bic_gain(given: ReadingResidual, other: ReadingResidual, count: Array) -> float:
+    """Difference of the Bayesian information criteria of two readings, in twice nats (:eq:`reading-gain`)."""
     return float(
         2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(max(count.sum(), 1.0))
     )
 
 
-def counts_of_least(lefts: Sequence[Left], least: Array | float = 1.0) -> Array:
-    """(n,) effective samples of each joint, by the reading that leaves least of it; at least so many of the first."""
-    best = np.argmin([one.share for one in lefts], axis=0).tolist()
+def counts_of_least(residuals: Sequence[ReadingResidual], least: Array | float = 1.0) -> Array:
+    """(n,) effective samples of each joint, by the smallest residual; `least` bounds those of the first from below."""
+    best = np.argmin([residual.share for residual in residuals], axis=0).tolist()
     floor = np.broadcast_to(least, (len(best),))
-    return np.array([max(lefts[k].count(j), 1.0 if k else floor[j]) for j, k in enumerate(best)])
+    return np.array([max(residuals[k].count(j), 1.0 if k else floor[j]) for j, k in enumerate(best)])
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Fits
 # ---------------------------------------------------------------------------------------------------------------
 class Fitted:
-    """A reading's columns, weighted so that each joint counts alike.
-
-    Args:
-        reading: the reading.
-        excerpt: the log's.
-        columns: (N, n, P) of the reading.
-    """
+    """A reading with its columns (N, n, P) for an excerpt, weighted by each joint's RMS effort."""
 
     def __init__(self, reading: Reading, excerpt: Excerpt, columns: Array) -> None:
         self.reading, self.excerpt, self.columns = reading, excerpt, columns
@@ -210,7 +203,7 @@ class Fitted:
 
     @cached_property
     def basis(self) -> Array:
-        """(N n, r) orthonormal, of the weighted columns."""
+        """(N n, r) orthonormal basis of the weighted columns."""
         return orthonormal((self.columns * self.weight[:, :, None]).reshape(self.effort.size, -1))
 
     @property
@@ -220,69 +213,69 @@ class Fitted:
         return np.where(self.signed, self.effort, np.sign(speed) * np.abs(self.effort))
 
     def with_signs_of(self, recorded: Array) -> Array:
-        """(N, n) efforts whose unknown signs are those of efforts (N, n) of the recorded joints."""
+        """(N, n) efforts with their unknown signs taken from efforts (N, n) of the recorded joints."""
         signs = np.where(recorded[:, self.reading.efforts] >= 0.0, 1.0, -1.0)
         return np.where(self.signed, self.effort, signs * np.abs(self.effort))
 
-    def by_joint(self, drawn: Array, found: dict[tuple[object, ...], Array]) -> Array:
-        """(N, n) efforts with the signs that suit each joint's own coefficients.
+    def by_joint(self, drawn: Array, cache: dict[tuple[object, ...], Array]) -> Array:
+        """(N, n) efforts with the signs of the best fit to each joint alone.
 
-        Starts are the efforts of drawn parameters (P, K), with some friction or none, and friction alone; `found` keeps
-        the signs of joints that other readings have in common with this one.
+        Fits start from the efforts of drawn parameters (P, K) with various friction, and from friction alone. `cache`
+        keeps the signs of joints that several readings have in common.
         """
         effort = self.against_friction.copy()
         for j in np.flatnonzero(~self.signed).tolist():
             used, key = self.used[:, j], (self.reading.key, j, int(self.reading.efforts[j]))
-            if key not in found:
-                found[key] = _signs_of(self.columns[used, j], effort[used, j], drawn)
-            effort[used, j] = found[key] * np.abs(effort[used, j])
+            if key not in cache:
+                cache[key] = _signs_of(self.columns[used, j], effort[used, j], drawn)
+            effort[used, j] = cache[key] * np.abs(effort[used, j])
         return effort
 
-    def sides(self, effort: Array) -> list[Array]:
-        """(N, n) efforts with each hidden joint on the side that explains all joints together, best first.
+    def best_flips(self, effort: Array) -> list[Array]:
+        """(N, n) efforts with all signs of some hidden joints flipped: the best fits to all joints together.
 
-        All of them turned round at once explain as much: both are there.
+        If no joint has known signs, flipping all joints fits equally well, so both are returned.
         """
         n = effort.shape[1]
         parts = np.einsum("njr,nj->rj", self.basis.reshape(*effort.shape, -1), effort * self.weight)
         hidden = np.flatnonzero(~self.signed)
-        free = hidden[1:] if len(hidden) == n else hidden  # all of them turned at once explain as much
-        if len(free) <= TUNING.most_sides:
+        free = hidden[1:] if len(hidden) == n else hidden
+        if len(free) <= TUNING.most_flipped:
             flips = np.ones((2 ** len(free), n))
             flips[:, free] = np.array(list(product([1.0, -1.0], repeat=len(free)))).reshape(len(flips), -1)
         else:
             flips = np.ones((1, n))
             for j in [*free, *free]:
-                turned = np.where(np.arange(n) == j, -flips[0], flips[0])
-                if np.sum((parts @ turned) ** 2) > np.sum((parts @ flips[0]) ** 2):
-                    flips = turned[None]
+                flipped = np.where(np.arange(n) == j, -flips[0], flips[0])
+                if np.sum((parts @ flipped) ** 2) > np.sum((parts @ flips[0]) ** 2):
+                    flips = flipped[None]
         explained = ((parts @ flips.T) ** 2).sum(axis=0)
-        order = np.argsort(-explained)[: TUNING.kept_sides]
+        order = np.argsort(-explained)[: TUNING.kept_flips]
         turns = (1.0, -1.0) if len(hidden) == n else (1.0,)
         return [turn * effort * flips[k] for k in order for turn in turns]
 
-    def working(self, effort: Array) -> Array:
-        """(N, n) efforts with each hidden joint on the side on which it does work against friction."""
+    def doing_work(self, effort: Array) -> Array:
+        """(N, n) efforts with hidden joints flipped so that their total work is positive."""
         driven = (effort * np.sign(self.against_friction)).sum(axis=0) < 0.0
         return np.where(driven & ~self.signed, -effort, effort)
 
-    def left(self, starts: Sequence[Array], believed: Mask | None = None) -> Left:
-        """What the coefficients leave at least, from some efforts (N, n) with signs to begin with.
+    def residual(self, starts: Sequence[Array], believed: Mask | None = None) -> ReadingResidual:
+        """Smallest residual of fits that start from efforts (N, n) with initial signs.
 
-        Coefficients are fitted to the joints believed (n,), by default to all of them.
+        Coefficients are fitted to the joints `believed` (n,), by default to all.
         """
         believed = np.ones(self.effort.shape[1], dtype=bool) if believed is None else believed
-        fitted = [self._settled(start * self.weight, believed) for start in starts]
-        effort, predicted = min(fitted, key=lambda one: float(np.linalg.norm(one[0] - one[1])))
-        return self._left(effort, effort - predicted, self.basis.shape[1])
+        fitted = [self._alternated(start * self.weight, believed) for start in starts]
+        effort, predicted = min(fitted, key=lambda pair: float(np.linalg.norm(pair[0] - pair[1])))
+        return self._residual_of(effort, effort - predicted, self.basis.shape[1])
 
-    def in_turn(self, start: Array, believed: Mask) -> Array:
-        """(N, n) efforts whose unknown signs follow the coefficients that suit the joints believed."""
+    def signs_from(self, start: Array, believed: Mask) -> Array:
+        """(N, n) efforts with unknown signs from a fit to the joints `believed` (n,)."""
         safe = np.where(self.weight > 0.0, self.weight, 1.0)
-        return np.where(self.used, self._settled(start * self.weight, believed)[0] / safe, start)
+        return np.where(self.used, self._alternated(start * self.weight, believed)[0] / safe, start)
 
-    def _settled(self, effort: Array, believed: Mask) -> tuple[Array, Array]:
-        """(N, n) weighted efforts whose unknown signs follow the prediction, and the prediction."""
+    def _alternated(self, effort: Array, believed: Mask) -> tuple[Array, Array]:
+        """(N, n) weighted efforts and prediction after alternating fits of signs and coefficients."""
         inverse = None
         if not believed.all():
             rows = self.basis[np.broadcast_to(believed, effort.shape).ravel()]
@@ -296,20 +289,20 @@ class Fitted:
             effort = followed
         return effort, predicted
 
-    def polished(self, left: Left) -> Left:
-        """With the signs of one joint after the other begun anew, from what the other joints tell."""
-        order = np.argsort(-left.share[self.reading.efforts])
+    def polished(self, best: ReadingResidual) -> ReadingResidual:
+        """With the signs of each joint in turn restarted from a fit to the other joints."""
+        order = np.argsort(-best.share[self.reading.efforts])
         for j in [j for j in order.tolist() if not self.signed[j]]:
             others = np.arange(len(order)) != j
-            start = self.in_turn(self.with_signs_of(left.effort), others)
-            left = min([left, self.left([start])], key=lambda one: one.rms)
-        return left
+            start = self.signs_from(self.with_signs_of(best.effort), others)
+            best = min([best, self.residual([start])], key=lambda residual: residual.rms)
+        return best
 
-    def feasible(self, efforts: Sequence[Array], enough: float = 0.0) -> Left:
-        """What feasible parameters leave at least: positive masses and friction; of efforts (N, n) with their signs.
+    def feasible(self, efforts: Sequence[Array], enough: float = 0.0) -> ReadingResidual:
+        """Smallest residual of feasible parameters (positive masses and friction), for efforts (N, n) with signs.
 
-        Of several the ones count that leave least by least squares. While feasible parameters leave more than enough,
-        each joint does work against friction, or hidden joints are turned round one by one.
+        The efforts with the smallest least-squares residuals are tried. While the residual exceeds `enough`, hidden
+        joints are flipped: to positive work, then one by one.
         """
         model = self.reading.model(self.reading.motion(self.excerpt.motion))
         coefficients = base_coefficients(model)
@@ -322,26 +315,26 @@ class Fitted:
             followed = np.where(self.signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
             return float(np.sqrt(np.mean(np.sum((followed - predicted) ** 2, axis=0)))), followed, predicted, effort
 
-        distinct = {one.tobytes(): one for one in (each * self.weight for each in efforts)}
-        starts = sorted(distinct.values(), key=lambda one: -float(np.sum((self.basis.T @ one.ravel()) ** 2)))
-        best = min((solved(effort) for effort in starts[: 2 * TUNING.kept_sides]), key=lambda one: one[0])
+        distinct = {effort.tobytes(): effort for effort in (each * self.weight for each in efforts)}
+        starts = sorted(distinct.values(), key=lambda effort: -float(np.sum((self.basis.T @ effort.ravel()) ** 2)))
+        best = min((solved(effort) for effort in starts[: 2 * TUNING.kept_flips]), key=lambda one: one[0])
         if best[0] > enough and not self.signed.all():
-            best = min([best, *(solved(self.working(start)) for start in starts[:2])], key=lambda one: one[0])
+            best = min([best, *(solved(self.doing_work(start)) for start in starts[:2])], key=lambda one: one[0])
         for j in np.flatnonzero(~self.signed).tolist():
             if best[0] > enough:
-                turned = np.where(np.arange(len(self.signed)) == j, -best[3], best[3])
-                best = min([best, solved(turned)], key=lambda one: one[0])
-        return self._left(best[1], best[1] - best[2], len(coefficients))
+                flipped = np.where(np.arange(len(self.signed)) == j, -best[3], best[3])
+                best = min([best, solved(flipped)], key=lambda one: one[0])
+        return self._residual_of(best[1], best[1] - best[2], len(coefficients))
 
-    def _left(self, effort: Array, residual: Array, size: int) -> Left:
+    def _residual_of(self, effort: Array, residual: Array, size: int) -> ReadingResidual:
         recorded = np.argsort(self.reading.efforts)
         safe = np.where(self.weight > 0.0, self.weight, 1.0)
-        back = effort / safe / (np.where(self.signed, self.reading.turned, 1.0) * self.reading.units)
-        return Left(residual[:, recorded], self.used[:, recorded], size, back[:, recorded])
+        back = effort / safe / (np.where(self.signed, self.reading.effort_sign, 1.0) * self.reading.units)
+        return ReadingResidual(residual[:, recorded], self.used[:, recorded], size, back[:, recorded])
 
 
 def _signs_of(rows: Array, effort: Array, drawn: Array) -> Array:
-    """(M,) signs that suit a joint's columns (M, P) best, from efforts (M,) against friction."""
+    """(M,) signs of the best fit of a joint's columns (M, P) to efforts (M,) with the velocities' signs."""
     magnitude, basis = np.abs(effort)[:, None], orthonormal(rows)
     moved = rows @ drawn
     moved /= np.maximum(np.sqrt(np.mean(moved**2, axis=0)), np.finfo(float).tiny)
@@ -354,13 +347,13 @@ def _signs_of(rows: Array, effort: Array, drawn: Array) -> Array:
         if np.array_equal(nearest, signs):
             break
         signs = nearest
-    left = np.linalg.norm(np.abs(predicted) - magnitude, axis=0)
-    best: Array = nearest[:, int(np.argmin(left))]
+    residual = np.linalg.norm(np.abs(predicted) - magnitude, axis=0)
+    best: Array = nearest[:, int(np.argmin(residual))]
     return best
 
 
 def drawn_bodies(reading: Reading, motion: Motion, count: int) -> Array:
-    """(P, K) of bodies that suit the reading's kinematics, drawn at random, without all else; deterministic."""
+    """(P, K) parameters of random bodies for this kinematics, other parameters zero; deterministic."""
     model, rng = reading.model(reading.motion(motion)), np.random.default_rng(0)
     drawn = np.zeros((len(model.parameters), count))
     for k in range(count):
@@ -369,7 +362,7 @@ def drawn_bodies(reading: Reading, motion: Motion, count: int) -> Array:
 
 
 def orthonormal(columns: Array) -> Array:
-    """(R, r) an orthonormal basis of columns (R, c) of any length, by a Cholesky decomposition with pivots."""
+    """(R, r) an orthonormal basis of columns (R, c), by a pivoted Cholesky decomposition."""
     gram = columns.T @ columns
     lengths = np.sqrt(np.diag(gram))
     shown = np.flatnonzero(lengths > BLIND * lengths.max(initial=0.0))

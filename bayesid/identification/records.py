@@ -1,4 +1,4 @@
-"""What was identified, entry by entry: plain records to iterate over, to look up by name, or to make a DataFrame of."""
+"""Records of identified coefficients, parameters and segments, by name or as a DataFrame."""
 
 from __future__ import annotations
 
@@ -21,21 +21,22 @@ if TYPE_CHECKING:
 class Coefficient:
     """A base coefficient."""
 
-    name: str  #: of the parameter that it is built on
-    expression: str  #: the sum of parameters that it is
-    unit: str  #: of it
-    mean: float  #: of the posterior, or the least-squares estimate
-    sd: float  #: its standard deviation; inf where the log shows nothing of it
-    lower: float  #: lower end of its 95 % interval
+    name: str  #: its leading parameter
+    expression: str  #: sum of parameters
+    unit: str
+    mean: float  #: posterior mean, or least-squares estimate
+    sd: float  #: standard deviation; inf if not identifiable
+    lower: float  #: lower end of the 95 % interval
     upper: float  #: upper end
-    #: "data", "constraints" or "prior"; of a `RecursiveEstimator` also "earlier log"; "unknown" of a model made by hand
+    #: "data", "constraints" or "prior"; for a `RecursiveEstimator` also "earlier log"; "unknown" for hand-written
+    #: models
     decided_by: str
-    prior_sd: float  #: what the prior alone knows, or of an `RecursiveEstimator` the earlier log; NaN without one
-    nominal: float  #: what the nominal parameters give; NaN where they do not give one
+    prior_sd: float  #: sd of the prior, or for a `RecursiveEstimator` of the earlier log; NaN without one
+    nominal: float  #: value from stated parameters; NaN without one
 
     @property
     def rsd(self) -> float:
-        """Relative standard deviation; inf of a coefficient that is zero."""
+        """Relative standard deviation; inf if the mean is zero."""
         return self.sd / abs(self.mean) if self.mean else np.inf
 
 
@@ -43,12 +44,12 @@ class Coefficient:
 class ParameterValue:
     """A parameter of the model."""
 
-    name: str  #: of it
-    unit: str  #: of it
-    joint: int  #: or link, from 1
-    mean: float  #: of the posterior, or the least-squares estimate
-    sd: float  #: its standard deviation; NaN where none is known: efforts show it in sums alone, without samples
-    decided_by: str  #: "data", "constraints" or "prior"; "unknown" of a model without its log
+    name: str
+    unit: str
+    joint: int  #: joint or link, from 1
+    mean: float  #: posterior mean, or least-squares estimate
+    sd: float  #: standard deviation; NaN without draws if the parameter is not identifiable
+    decided_by: str  #: "data", "constraints" or "prior"; "unknown" for a model without its log
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,12 @@ class SegmentSign:
     """A segment of constant sign."""
 
     joint: int  #: from 1
-    start: float  #: its first sample, s, on the clock of its log
-    end: float  #: its last sample, s
-    n_samples: int  #: in it
+    start: float  #: first sample, s, on the clock of its log
+    end: float  #: last sample, s
+    n_samples: int
     sign: int  #: +1 or -1
-    confidence: float  #: that it is right
-    log: str  #: that it is of
+    confidence: float  #: probability that the sign is right
+    log: str  #: source of the log
 
 
 Record = TypeVar("Record", bound=Coefficient | ParameterValue | SegmentSign, covariant=True)
@@ -73,7 +74,7 @@ class Records(tuple[Record, ...]):
     kind: type[Record]
 
     def __new__(cls, kind: type[Record], rows: Iterable[Record]) -> Records[Record]:
-        """Of a kind."""
+        """Records of one kind."""
         made = super().__new__(cls, tuple(rows))
         made.kind = kind
         return made
@@ -86,7 +87,7 @@ class Records(tuple[Record, ...]):
         return f"{len(self)} records of {self.kind.__name__} ({names}); .to_dataframe() makes a table"
 
     def to_dataframe(self) -> DataFrame:
-        """A `pandas.DataFrame` with a row a record, and a column a field."""
+        """A `pandas.DataFrame` with one row per record and one column per field."""
         from pandas import DataFrame
 
         return DataFrame({field.name: [getattr(row, field.name) for row in self] for field in fields(self.kind)})
@@ -96,10 +97,10 @@ Entry = TypeVar("Entry", Coefficient, ParameterValue)
 
 
 def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -> Entry:
-    """The entry of a name; `elsewhere` says where an entry of that name is instead.
+    """The entry of this name; `elsewhere` is the remedy if there is none.
 
     Raises:
-        InputError: there is none; near names are told.
+        InputError: there is none; similar names are suggested.
     """
     names = [entry.name for entry in entries]
     if name in names:
@@ -110,13 +111,10 @@ def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -
 
 # Segments of joined logs
 def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
-    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
-
-    Of the S segments over N samples, P(sign = +) (N, n) and efforts (N, n), N m.
-    """
+    """(S,) signs and confidences from P(sign = +) (N, n), weighted with the squared efforts (N, n), N m."""
     share = np.empty(len(segments))
     for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
-        weights = effort[a:b, j] ** 2 + 1e-24  # far below any sensor: a segment of exact zeros has a confidence too
+        weights = effort[a:b, j] ** 2 + 1e-24  # segments of exact zeros need weights too
         share[k] = np.average(probability[a:b, j], weights=weights)
     return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
 
@@ -124,11 +122,10 @@ def segment_signs(segments: Segments, probability: Array, effort: Array) -> tupl
 def recorded_segments(
     log: Log, t: Array, segments: Segments, probability: Array, effort: Array
 ) -> tuple[Segments, Integers, Array]:
-    """The segments of what was recorded, their signs (S,) and confidences (S,); instants t (N,) are in s.
+    """Segments of recorded samples, their signs (S,) and confidences (S,); times t (N,) are in s.
 
-    Segments also cover pauses of a log, and between logs that were joined, in which there are interpolated values only.
-    They are cut where a recording begins and ends, what lies in a pause is left out, and sign and confidence follow
-    from the samples that remain, as an identification's do (:eq:`confidence`).
+    Segments are cut at pauses and between joined logs, whose interpolated samples are left out. Signs and confidences
+    follow from the remaining samples (:eq:`confidence`).
     """
     place, _ = log.clock(t)
     edges = np.flatnonzero(place[1:] != place[:-1]) + 1

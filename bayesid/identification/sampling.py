@@ -1,4 +1,4 @@
-"""The posterior of a log with settled signs, and what it says of samples, of the fit and of the model."""
+"""Posterior of a log after the sign search; sign probabilities, fit and model that follow from it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bayesid.signs.smoothing import sign_probabilities
 
 
 def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, progress: Progress) -> Posterior:
-    """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
+    """Posterior of the given model; unknown signs are summed out unless another model determined them."""
     log_data, sign_solution, fit = averaged.asked.log_data, averaged.sign_solution, averaged.fit
     search = sign_solution.signs.search
     segments = _inner(sign_solution.signs.segments[sign_solution.signs.segments.fitted], log_data.signals)
@@ -56,11 +56,11 @@ def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, p
 
 
 def _lacking(fit: Fit, log_data: LogData) -> Array:
-    """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
+    """(r, r) covariance of the coefficients in addition to the inverse information: effects that the model may lack."""
     known, basis = np.isfinite(fit.sd), fit.plane.seen_by(log_data.coefficients.projection).basis
     model_error_covariance: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
-    own = basis @ _inverse(basis.T @ fit.information @ basis) @ basis.T
-    model_error_covariance[np.ix_(known, known)] -= own[np.ix_(known, known)]
+    of_data = basis @ _inverse(basis.T @ fit.information @ basis) @ basis.T
+    model_error_covariance[np.ix_(known, known)] -= of_data[np.ix_(known, known)]
     return model_error_covariance
 
 
@@ -72,13 +72,10 @@ def _inner(segments: Segments, signals: Signals) -> Segments:
 
 
 def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: Progress) -> Array:
-    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise, mode by mode.
-
-    So few draws of all modes together would give a light mode a share of 0 or 1/24.
-    """
+    """(N, n) P(sign = +) of every sample, averaged over draws of each mode and then over modes by weight."""
     log_data = averaged.asked.log_data
     signals = log_data.signals
-    known = log_data.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
+    known = log_data.moving & signals.inner  # accelerations at both ends are uncertain
     probability = np.zeros(known.shape)
     for sampled in posterior.modes:
         draws, log_scale = posterior.target.split(
@@ -92,7 +89,7 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
 
 
 def fit_of_mode(averaged: AveragedSigns, posterior: Posterior) -> Fit:
-    """Least squares to the signs of the chosen mode: those that were settled, unless it turns a joint of them round."""
+    """Least squares with the signs of the chosen mode; the fit of the search unless the mode flips a joint."""
     log_data = averaged.asked.log_data
     if not averaged.by_asked or not posterior.turned_joints(
         posterior.chosen, averaged.sign_solution.signs.search.signs
@@ -108,10 +105,9 @@ def fit_of_mode(averaged: AveragedSigns, posterior: Posterior) -> Fit:
 def identified_model(
     model: Model, log_data: LogData, fit: Fit, posterior: Posterior | None, gains: GainFit | None
 ) -> IdentifiedModel:
-    """The model by the posterior or, without one, by least squares.
+    """The model from the posterior, or from least squares without one.
 
-    What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
-    that knowledge leaves it out.
+    `precision` leaves out the model error, as the next log is fitted with the same model.
     """
     if posterior is None:
         precision = of_base(model, log_data.coefficients, fit.information)
@@ -130,7 +126,7 @@ def identified_model(
 
 
 def _inverse(covariance: Array) -> Array:
-    """Of a covariance in mixed units: scaled first, so that what is known best is not taken for rounding."""
+    """Inverse of a covariance in mixed units, scaled to a diagonal of 1 first."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     inverse: Array = np.outer(scale, scale) * np.linalg.pinv(np.outer(scale, scale) * covariance, hermitian=True)
     return inverse

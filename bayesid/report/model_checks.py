@@ -69,7 +69,7 @@ def gains(summary: Summary) -> list[Check]:
     if of_log is None:
         return []
     if not of_log.converged:
-        return [checks.UNSETTLED_GAINS]
+        return [checks.GAINS_NOT_CONVERGED]
     by_data, by_prior = (
         [j for j, by in enumerate(of_log.decided_by, start=1) if by == kind] for kind in (BY_DATA, BY_PRIOR)
     )

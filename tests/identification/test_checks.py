@@ -129,7 +129,7 @@ def test_nothing_wrong_is_nothing_said(log):
 FAULTS = (
     ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
-    ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "asked": blind()}, ("joint 2 shows no effort", "Fv2, Fc2")),
+    ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "asked": blind()}, ("joint 2: no effort", "Fv2, Fc2")),
     (
         {"fit": fit_with(on_edge=(True, True, False)), "nominal": NominalParameters(*np.full((2, 20), 0.5))},
         ("links 1, 2", "--nominal"),

@@ -117,9 +117,9 @@ def test_what_holds_draws_back_is_named_on_the_page_in_the_summary_and_the_warni
     active_bounds = [one.label for one in summary.constraints if one.presses]
     assert 0 < len(active_bounds) <= len(labels)
     assert active_bounds == list(constrained.posterior.active_constraints)
-    (said,) = [warning for warning in constrained.warnings if "press against" in warning]
+    (said,) = [warning for warning in constrained.warnings if "active constraint" in warning]
     for one in summary.constraints:
-        assert (f"{one.label} ({one.at_edge:.1%} at its edge)" in said) == one.presses
+        assert (f"{one.label} ({one.at_edge:.1%} of the draws on its boundary)" in said) == one.presses
     assert all("--links" not in warning for warning in constrained.warnings)
     page = identification_page(report_data(constrained))
     table = page.split('id="constraints"')[1].split("</section>")[0]

@@ -113,7 +113,7 @@ def wrong(order=None, efforts=None, factor=None, units=None):
 WRONG = [
     ({"order": (1, 0, 2, 3, 4, 5)}, "joints 1 and 2 exchanged"),
     ({"order": (5, 4, 3, 2, 1, 0)}, "the joints in reversed order"),
-    ({"efforts": (0, 1, 3, 2, 4, 5)}, "the efforts of joints 3 and 4 exchanged, and not their positions"),
+    ({"efforts": (0, 1, 3, 2, 4, 5)}, "the efforts of joints 3 and 4 exchanged, not their positions"),
     ({"factor": {"all": 1.0 / DEGREE}}, "positions in degrees, not rad"),
     ({"factor": {"all": DEGREE}}, "positions in rad, not degrees"),
     ({"factor": {5: 1.0 / DEGREE}}, "the positions of joint 5 alone in degrees, not rad"),
@@ -132,7 +132,7 @@ def test_a_log_that_is_read_wrongly(how, change, rectified):
 def test_a_joint_counted_the_other_way():
     """Which of the two is told where signs are known."""
     assert reading_of("kr5", wrong(factor={3: -1.0})).kind == "direction"
-    for units, named in (({3: -1.0}, "joint 3 counted"), (None, "the positions of joint 3 counted")):
+    for units, named in (({3: -1.0}, "joint 3 reversed"), (None, "the positions of joint 3 reversed")):
         found = reading_of("kr5", wrong(factor={3: -1.0}, units=units), rectified=False)
         assert found.change.startswith(named)
 
@@ -276,7 +276,7 @@ def test_a_table_with_other_zeros_than_the_controllers_is_named(rectified, seed)
     log = log.rectified() if rectified else log
     found = before(log, "kr5")
     assert (found.kind, found.sure) == ("robot", True)
-    assert "kr5r650" in found.said
+    assert "kr5r650" in found.message
     assert "`robot` kr5r650" in found.remedy
     assert before(log, "kr5r650") is None
     paper = times(log, {1: -1.0}, {1: 1.0 if rectified else -1.0})
@@ -298,7 +298,7 @@ def test_efforts_that_are_no_robots_or_none_of_the_motion():
     log = signed_log()
     large = before(times(log, effort=dict.fromkeys(range(1, 7), 1e3)).rectified())
     assert (large.kind, large.sure) == ("scale", False)
-    assert "1000 times" in large.said
+    assert "1000 times" in large.message
     noise = replace(log, effort=np.random.default_rng(0).standard_normal(log.effort.shape))
     for one in (noise, noise.rectified()):
         assert before(one).kind == "motion"

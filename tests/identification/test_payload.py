@@ -170,8 +170,8 @@ def test_what_cannot_be_used_is_refused():
     noise = replace(log, effort=np.abs(np.random.default_rng(7).standard_normal(log.effort.shape)) * log.effort.mean())
     for earlier, given, says in (
         (result, arm.first, "identified from"),
-        (loaded, arm.later(PAYLOAD), "a payload already"),
-        (blank, log, "knows nothing"),
+        (loaded, arm.later(PAYLOAD), "already has a payload"),
+        (blank, log, "uncertainty"),
         (result, two, "2 joints"),
         (result, still, "no joint moves"),
         (result, short, "samples in motion"),

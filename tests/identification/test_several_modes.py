@@ -72,8 +72,8 @@ def test_the_model_is_one_of_them_and_no_point_between(robot):
     of_mode = first.draws.beta.reshape(-1, len(result.beta)).mean(axis=0)
     np.testing.assert_allclose(result.beta, of_mode, rtol=1e-9)
     assert np.all(result.sd[1:] > 1.5 * np.abs(result.beta[1:]) * np.sqrt(second.weight))  # the other is 2 mc away
-    (said,) = [warning for warning in result.warnings if "other models" in warning]
-    assert "signs of joint 1 turned round" in said
+    (said,) = [warning for warning in result.warnings if "other modes" in warning]
+    assert "signs of joint 1 flipped" in said
     assert np.average(result.confidence) < 1.2 * first.weight
 
 
@@ -92,7 +92,7 @@ def test_checks_and_summary_name_the_other_model(robot, tmp_path):
     result = identified(robot)
     (check,) = [check for check in check_findings(report_data(result)) if check.name == "Modes"]
     assert check.state == "bad"
-    assert "signs of joint 1 turned round" in check.message
+    assert "signs of joint 1 flipped" in check.message
     assert "mc1y" in check.message
     save_identification(result, tmp_path / "out", report=False)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())

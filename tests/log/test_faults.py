@@ -164,7 +164,7 @@ def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log):
     assert right[:, :2][strong[:, :2]].mean() > 0.995
     assert (result.probability[:, 2] == 0.5).all(), "nothing is known of its signs"
     assert result.warnings[0].startswith("joint 3: effort reads exactly zero in motion, ")
-    assert "joint 3 shows no effort in motion: Fv3, Fc3, offset3" in " ".join(result.warnings)
+    assert "joint 3: no effort recorded in motion; Fv3, Fc3, offset3" in " ".join(result.warnings)
     assert "does not excite" not in " ".join(result.warnings)
     assert not result.model_error_probability.any()
 
@@ -180,4 +180,4 @@ def test_signs_elsewhere_stay_right_where_a_joint_stands_still():
     effort = arm.model.effort(motion, arm.theta)[:, :2]
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
     assert ((result.probability[:, :2] >= 0.5) == (effort > 0.0))[strong].mean() > 0.995
-    assert result.warnings[0].startswith("joint 3: it stands still in all of the log, 0.000 to 8.000 s, ")
+    assert result.warnings[0].startswith("joint 3 stands still in the whole log, 0.000 to 8.000 s; ")

@@ -110,7 +110,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", fit(condition_number=101.0), "101"),
         ("bad", fit(condition_number=1001.0), "1001"),
         ("bad", fit(condition_number=None), "8"),
-        ("bad", fit(condition_number=None, relative_residual=[0.1, 0.0]), "joint 2 shows no effort"),
+        ("bad", fit(condition_number=None, relative_residual=[0.1, 0.0]), "joint 2: no effort"),
         ("bad", silent(), "2|8"),
     ],
     "Signs of the segments": [

@@ -185,8 +185,8 @@ def _constraints(findings: ReportData) -> list[Markup]:
     rows = constraint_rows(findings.summary)
     caption = (
         "Stated constraints. Cost: gain in log-likelihood without this constraint; above "
-        f"{IDENTIFICATION.dear_constraint:.1f} nats the log contradicts it. A draw is at the edge within a tenth of "
-        "the standard deviation of its distance."
+        f"{IDENTIFICATION.contradicted_constraint:.1f} nats the log contradicts it. A draw is at the edge within a "
+        "tenth of the standard deviation of its distance."
     )
     return [html.table(caption, list(map(upper, CONSTRAINT_HEADINGS)), rows)] if rows else []
 
