@@ -329,7 +329,7 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
         yield active_constraints(posterior.active_constraints)
     weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
     if asked > len(weights):
-        yield _remark(f"the posterior has {len(weights)} modes, no mode {asked}: the heaviest is written")
+        yield _remark(f"the posterior has no mode {asked} (number of modes: {len(weights)}); the heaviest is written")
     else:
         yield modes(weights, [posterior.turned_joints(k) for k in range(len(weights))], posterior.chosen)
     if posterior.posterior_conflict is not None and posterior.posterior_conflict > TUNING.posterior_conflict:

@@ -147,7 +147,7 @@ FAULTS = (
     ({"model_error_probability": (0.0, 0.3)}, ("joint 2", "0.85")),
     ({"posterior": posterior_with(weights=(0.7, 0.3))}, ("mode 1 (0.7)", "0.3 for mode 2", "joint 2, 3", "--mode")),
     ({"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)}, ("mode 2 (0.28)", "0.7 for mode 1")),
-    ({"posterior": posterior_with(asked=3)}, ("no mode 3", "of 1")),
+    ({"posterior": posterior_with(asked=3)}, ("no mode 3", "modes: 1")),
     ({"posterior": posterior_with(converged=False)}, ("1.05,", "1.01 ", "needs 1,024", "has 73", "--posterior-budget")),
     (
         {"posterior": posterior_with(active_bounds=(("mass of all links, from above", 0.87),))},
