@@ -153,7 +153,7 @@ FAULTS = (
         {"posterior": posterior_with(active_bounds=(("mass of all links, from above", 0.87),))},
         ("mass of all", "87%", "--links"),
     ),
-    ({"posterior": posterior_with(edges=(("m3 <= m2", 0.063),))}, ("constraint m3 <= m2", "6.3%")),
+    ({"posterior": posterior_with(edges=(("m3 <= m2", 0.063),))}, ("constraint: m3 <= m2", "6.3%")),
     (
         {"reading": Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 4.0, "give `correct` q2=q3")},
         ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
