@@ -32,9 +32,9 @@ def test_a_folder_in_place_of_a_result_is_refused_with_the_call_that_loads_it(fo
 def test_options_of_the_other_form_are_refused(folder):
     stored, log = bayesid.load(folder), bayesid.simulate(ROBOT, duration=6.0, rate=50.0, rng=5)
     for call, said in (
-        (lambda: bayesid.find_discrepancy(stored, log, terms=["rigid_body"]), "`terms`: are those of the result"),
-        (lambda: bayesid.find_discrepancy(ROBOT, log), "`log`: one log beside a robot"),
-        (lambda: bayesid.design_excitation(stored, ["rigid_body"]), "`terms`: are those of the result"),
+        (lambda: bayesid.find_discrepancy(stored, log, terms=["rigid_body"]), "`terms`: cannot be given with a result"),
+        (lambda: bayesid.find_discrepancy(ROBOT, log), "`log`: one log and a robot"),
+        (lambda: bayesid.design_excitation(stored, ["rigid_body"]), "`terms`: cannot be given with a result"),
         (lambda: bayesid.design_excitation(ROBOT, about=["Fc2"]), "`about`: is of a result"),
         (lambda: bayesid.save(log, folder), "`result`: Log is no result"),
         (lambda: bayesid.load_robot(TABLE, tip="flange"), "robot scara: is a table of one chain"),

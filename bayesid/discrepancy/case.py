@@ -1,4 +1,4 @@
-"""The data of a comparison of a model with a log: what selects effects, what scores them, and the noise floor."""
+"""Data of a comparison of a model with a log: selection data, held-back data, and the noise floor."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from bayesid.signs.smoothing import sign_probabilities
 REPEATED, MODELS_RESIDUAL = "repeated periods", "earlier model's residual"
 REFIT, FAST_PART = "refit with standard effects", "fast part of the residual"
 SMOOTHED = "fast part of the residual of a log that was low-passed"
-"""Where a noise floor is taken from."""
+"""Sources of a noise floor."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A log made ready for comparisons with models of its robot."""
+    """A log prepared for comparisons with models of its robot."""
 
-    signals: Signals  #: N instants
+    signals: Signals  #: N samples
     actuators: Motion  #: the motion in actuator coordinates
     #: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is smoothed,
     #: the smoothing would look like an effect of its own
@@ -74,7 +74,7 @@ class Trial:
 
     @cached_property
     def between_periods(self) -> Array | None:
-        """(n,) sd of the efforts between repetitions of the same motion, N m; None where nothing is repeated."""
+        """(n,) sd of the efforts between repetitions of the same motion, N m; None without repetitions."""
         if self.whole is not None:
             return self.whole.between_periods
         q, count = self.signals.motion.q, len(self.signals.motion)
@@ -88,7 +88,7 @@ class Trial:
 
 
 def make_trial(model: Model, signals: Signals, thresholds: Thresholds = Thresholds()) -> Trial:
-    """A log made ready for comparisons with a model of its robot."""
+    """Prepares a log for comparisons with a model of its robot."""
     actuators = model.robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
@@ -98,7 +98,7 @@ def make_trial(model: Model, signals: Signals, thresholds: Thresholds = Threshol
 
 
 def shortened(trial: Trial) -> Trial:
-    """The trial itself or, of a long log, stretches that stand for it: every effect costs as much as all samples."""
+    """The trial; stretches of it if the log is long, as computing time is proportional to its samples."""
     count = len(trial.used)
     if count <= TUNING.longest:
         return trial
@@ -123,19 +123,19 @@ def shortened(trial: Trial) -> Trial:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class NoiseFloor:
-    """The noise of the efforts: what no model can explain."""
+    """The part of the residual that no model can explain."""
 
     rms: Array  #: (n,) N m
-    origin: tuple[str, ...]  #: (n,) where it was taken from
-    limits: Array  #: (n, 2) largest white and coloured part of an error that is nothing but noise, N m
-    sharp: Mask  #: (n,) whether it holds what lasts of the noise too: a residual above it is a finding
-    white: Array  #: (n,) the part of it that changes from sample to sample, N m
-    #: (n,) whether it is a model's residual most of which lasts: the model's own error, or noise that a filter has
-    #: smoothed; what is below such a floor may still be wrong
+    origin: tuple[str, ...]  #: (n,) source
+    limits: Array  #: (n, 2) largest white and coloured part of noise, N m
+    sharp: Mask  #: (n,) whether it includes coloured noise, so that a residual above it is significant
+    white: Array  #: (n,) its white part, N m
+    #: (n,) whether it is mostly coloured residual of a model: model error or filtered noise; an effect below it may be
+    #: missed
     lasting: Mask
 
     def exceeded(self, gap: Array, thresholds: Thresholds) -> Mask:
-        """(n,) whether a gap, N m, is too large for the noise of a joint."""
+        """(n,) whether a gap, N m, exceeds the noise of a joint."""
         return gap > np.where(self.sharp, thresholds.above_floor, thresholds.above_blunt_floor) * self.rms
 
 
@@ -170,11 +170,10 @@ def noise_floor(
 
 
 def _lag_of_noise(residual: Array, used: Mask, rate: float) -> int:
-    """Samples over which noise changes: 1, but more where somebody has low-passed the log.
+    """Lag at which noise is uncorrelated: 1 sample, more if the log was low-passed.
 
-    There neighbours differ by what the filter has left, a small part of the noise. Whatever is smooth at a lag, as by
-    the exponent of its squared differences, is looked at over a longer one. They are told by their medians, for where a
-    hidden sign is taken for the other one the residual jumps; a filter is one for all joints.
+    The lag grows while the squared differences grow with an exponent above `Tuning.smooth`. Medians are used, as wrong
+    signs make the residual jump; the filter is assumed to be the same for all joints.
     """
     lag = 1
     while lag < int(TUNING.longest_lag * rate):

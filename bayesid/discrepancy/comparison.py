@@ -1,9 +1,9 @@
-"""Several logs of one robot, one after the other: what has changed, what the model lacked all along, and what moved.
+"""Comparison of several logs of one robot: effects that changed, effects that were always missing, moved parameters.
 
-The first log makes the earlier model, completed by what that log shows beyond the terms asked for. Each later log is
-compared with it (`bayesid.discrepancy.workflow`). Then one common model, of all terms that any log has shown, is
-identified on each log by itself: what a log says there of an effect tells a change from a deficiency
-and its parameters make the time line (`bayesid.discrepancy.timeline`).
+The first log gives the earlier model, with the effects detected in it. Each later log is compared with this model
+(`bayesid.discrepancy.workflow`). Then a common model with the terms shown by any log is identified from each log alone.
+This separates changes from effects that were always missing, and gives the time line of the parameters
+(`bayesid.discrepancy.timeline`).
 """
 
 from __future__ import annotations
@@ -55,20 +55,20 @@ from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 
 CHANGED, ALL_ALONG, GONE, UNDECIDED = "changed", "preexisting", "gone", "undecided"
-"""What became of an effect: it has come, or another size, since the first log; it was missing from the terms all along;
-the first log shows it and the last one that can tell does not; or the other logs cannot tell."""
+"""History of an effect: new or of another size since the first log; present in all logs but missing from the terms;
+shown by the first log and excluded by the last decisive one; or not decided by the other logs."""
 
 
 @dataclass(frozen=True)
 class EffectHistory:
-    """An effect beyond the terms asked for, over K logs."""
+    """An effect that is not among the given terms, over K logs."""
 
-    effect: Effect  #: term or distortion, with the numbers of the log that showed it first
+    effect: Effect  #: term or distortion, with the numbers of the first log that shows it
     became: str  #: `CHANGED`, `ALL_ALONG`, `GONE` or `UNDECIDED`
-    #: (K,) what each log says of it by itself; empty of what only a comparison can show (a change of what the first
-    #: model has, a payload, a gain)
+    #: (K,) evidence of each log alone; empty if only a comparison can show the effect (a changed parameter, a payload,
+    #: a gain)
     by_log: tuple[Standing, ...]
-    #: by comparison with the first log, log by log (from 1) of those that showed it so
+    #: index of a log to the effect found by comparing it with the first log
     found: Mapping[int, AddedEffect]
 
     def __repr__(self) -> str:
@@ -77,29 +77,29 @@ class EffectHistory:
 
     @property
     def name(self) -> str:
-        """In the catalogue."""
+        """Name in the catalogue."""
         return self.effect.effect
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """From 1, in which it acts; none named: on the whole robot."""
+        """Joints (from 1) in which it acts; empty if it acts on the whole robot."""
         return self.effect.joints
 
 
 @dataclass(frozen=True)
 class ChangeReport:
-    """What several logs of one robot show one after the other.
+    """Comparison of several logs of one robot.
 
     Attributes:
-        logs: K, as they were given; the first made the earlier model.
-        dates: when they were recorded, and what that is taken from.
-        earlier: the identification from the first log, completed.
-        found: (K - 1,) what it lacks to explain each later log.
-        runs: (K,) the common model identified on each log by itself.
-        effects: what became of each effect beyond the terms asked for.
-        timeline: the parameters of the common model.
-        warnings: what the user should know.
-        seconds: of wall time.
+        logs: K logs as given; the first gives the earlier model.
+        dates: dates of recording and their source.
+        earlier: identification from the first log.
+        found: (K - 1,) what this model lacks to explain each later log.
+        runs: (K,) the common model identified from each log alone.
+        effects: history of each effect that is not among the given terms.
+        timeline: parameters of the common model.
+        warnings: warnings in words.
+        seconds: wall time.
 
     Example:
         >>> both = bayesid.find_discrepancy(robot, [log, other_log], terms=terms, posterior=False)
@@ -129,7 +129,7 @@ class ChangeReport:
             f"changed since the first  {named(CHANGED)}",
             f"missing all along        {named(ALL_ALONG)}",
             f"gone since the first     {named(GONE)}",
-            f"cannot be told           {named(UNDECIDED)}",
+            f"not decided              {named(UNDECIDED)}",
             f"parameters that moved    {', '.join(moved) or 'none'} (of {len(self.timeline.tracked)})",
             f"warnings                 {len(self.warnings) or 'none'}",
             "go on with               .of('changed'), .timeline, .found[-1], bayesid.save(this, folder)",
@@ -137,7 +137,7 @@ class ChangeReport:
         return "\n  ".join(lines)
 
     def of(self, became: str) -> tuple[EffectHistory, ...]:
-        """The effects of which that became: "changed", "preexisting", "gone" or "undecided"."""
+        """The effects with this history: "changed", "preexisting", "gone" or "undecided"."""
         return tuple(history for history in self.effects if history.became == became)
 
 
@@ -219,7 +219,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
 
 
 def names_of(logs: Sequence[Log]) -> tuple[str, ...]:
-    """Short names of logs, each another one: of their files or, where these are alike, with their folders."""
+    """Distinct short names of logs: file names, with folders if necessary."""
     paths = [Path(log.source) for log in logs]
     names = [path.name for path in paths]
     if len(set(names)) < len(names):
@@ -235,20 +235,20 @@ def _check(robot: Robot, logs: Sequence[Log]) -> None:
         check_joints(robot, log.n_joints, log.source)
     for one, other in combinations(logs, 2):
         if hashes(one) & hashes(other):
-            raise InputError(f"holds the same recording as {one.source}", other.source, "give every log once")
+            raise InputError(f"has the same recording as {one.source}", other.source, "give every log once")
 
 
 def _warnings(dates: Dates, timeline: Timeline) -> list[str]:
     warnings = []
     if not dates.ascending:
         warnings.append(
-            f"the logs do not come in the order of their dates ({', '.join(dates.texts)}, from {dates.basis}): the "
-            "first that was given is taken for the earlier one"
+            f"the logs are not in the order of their dates ({', '.join(dates.texts)}, from {dates.basis}): the first "
+            "given log is used as the earlier one"
         )
     if timeline.factor > TUNING.scatter:
         warnings.append(
-            f"the typical parameter of the time line differs by {timeline.factor:.1f} times what its standard "
-            "deviation says: much has changed, or the model lacks what nothing here names"
+            f"parameters of the time line change by {timeline.factor:.1f} times their standard deviation (median; 1 is "
+            "expected): much has changed, or the model lacks an effect that was not found"
         )
     return warnings
 
@@ -263,12 +263,11 @@ def _alone(
     preprocessing: Preprocessing,
     headings: Sequence[Progress],
 ) -> list[Identification]:
-    """All terms that any log has shown by itself, and each log's own distortions, identified on each log by itself.
+    """Identifies a common model from each log alone: terms that any log shows alone, and each log's distortions.
 
-    What only a comparison can show stays out: a payload, which its log's links then hold, but for the load that they
-    are for friction, and for what is stated of the last link. A gain is one of its log's distortions. What a comparison
-    has added and its log by itself does not bear out stays out as well. Dry friction turns round as it does for each
-    log: below a speed that is too slow for it.
+    A payload is left out, as a single log cannot separate it from the last link. It still counts as load of friction,
+    and constraints on the last link are lifted. Effects that a comparison added but the log alone does not confirm are
+    left out too. The speed below which dry friction is smoothed is that of each log.
     """
     new = [_new(one) for one in found]
     terms = {key_of(one): one for effects in new for one in effects if isinstance(one, Term)}
@@ -293,7 +292,7 @@ def _alone(
 
 
 def _stated(model: Model, *, loaded: bool) -> Constraints | None:
-    """What is stated of a robot, whose last link may hold a payload besides."""
+    """Constraints on a robot; without those on the last link if it carries a payload."""
     stated, robot = model.constraints, model.robot
     if stated is None or not loaded:
         return stated
@@ -307,20 +306,20 @@ def _new(found: Discrepancy) -> list[Effect]:
 
 
 def _turning_below(term: Term, speed: Array) -> Term:
-    """A term of dry friction that turns round below the speeds (n,) that are too slow for a log to show it."""
+    """A dry friction term smoothed below the speeds (n,)."""
     if not isinstance(term, DryTerm):
         return term
     return replace(term, smoothing=tuple(speed[term.acting(len(speed))].tolist()))
 
 
 def _payload(found: Discrepancy) -> Array | None:
-    """(10,) parameters of a body that has come to the last link; None where none has."""
+    """(10,) parameters of a new body on the last link, if any."""
     model, theta = found.identification.model, found.identification.theta
     return next((values for term, values in model.parts(theta) if term.of_links and term.needs_earlier), None)
 
 
 def _carrying(term: Term, body: Array | None) -> Term:
-    """A term whose load is that of the links, which may carry a body now."""
+    """A term whose load includes a body on the last link."""
     if body is None or not term.shape.get("links"):
         return term
     links = np.array(term.shape["links"])
@@ -334,7 +333,7 @@ def _values(model: Model, told: Identification) -> Array:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What became of each effect
+# Histories of effects
 # ---------------------------------------------------------------------------------------------------------------
 def _histories(
     earlier: Identification, found: Sequence[Discrepancy], runs: Sequence[Identification], timeline: Timeline
@@ -346,7 +345,7 @@ def _histories(
 
 
 def _of_first(earlier: Identification, runs: Sequence[Identification]) -> list[EffectHistory]:
-    """Effects that completed the first model: there all along, or gone."""
+    """Histories of effects detected in the first log."""
     entered = () if earlier.model_selection is None else earlier.model_selection.effects
     effects = [effect.source for effect in entered]
     confirmed = [shown_by(run, effects) for run in runs[1:]]
@@ -361,7 +360,7 @@ def _of_first(earlier: Identification, runs: Sequence[Identification]) -> list[E
 
 
 def _of_later(found: Sequence[Discrepancy], runs: Sequence[Identification], timeline: Timeline) -> list[EffectHistory]:
-    """Effects that comparisons with the first model have added: new, or what the first log could not tell."""
+    """Histories of effects that comparisons with the first model added."""
     added: dict[object, dict[int, AddedEffect]] = {}
     for k, one in enumerate(found, start=1):
         for effect in one.added:
@@ -387,16 +386,13 @@ def _followed(effect: Effect, runs: Sequence[Identification]) -> bool:
 
 
 def _of_new(says: Sequence[Standing]) -> str:
-    """Of an effect that the first model lacks and a later log shows: new, if the first log could have shown it."""
+    """History of an effect that a later log shows: new if the first log excludes it."""
     later = [what.says for what in says[1:]]
     return UNDECIDED if SHOWN not in later else {SHOWN: ALL_ALONG, ABSENT: CHANGED, OPEN: UNDECIDED}[says[0].says]
 
 
 def _of_change(by_log: Mapping[int, AddedEffect], timeline: Timeline) -> str:
-    """Of what comparisons call another size: undecided where the time line follows it and does not bear it out.
-
-    A comparison holds all else at what the first log says; a log by itself holds nothing.
-    """
+    """History of a changed parameter: undecided if the time line includes it and shows no change."""
     names = [one.name for one in timeline.tracked]
     changes = {name for effect in by_log.values() for name in effect.hypothesis.changes}
     places = [names.index(name) for name in changes if name in names]

@@ -1,4 +1,4 @@
-"""The public `find_discrepancy`: of a log from a result, or of logs of one robot among each other."""
+"""The public `find_discrepancy`: compares a log with a result, or several logs of one robot."""
 
 from __future__ import annotations
 
@@ -70,17 +70,17 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
     """Finds what a model lacks to explain a log, or what changed over several logs of one robot.
 
     Args:
-        earlier: an identification of the robot, or a stored one: the model, what is known of it, and its noise. Or the
-            robot alone, its name or file: then the first of the logs makes the model.
-        log: a log of the same robot, or anything that `bayesid.read_log` reads. Beside a robot a list of two or more,
-            the earliest first.
-        holdout: one more log, to score by; without it stretches of the log are held back.
-        terms: of the model, beside a robot: names of the catalogue, or terms of your own. A result has its own.
-        constraints: of the model, beside a robot, as of `identify`.
-        search: how signs are searched; by default briefly, but of the first of several logs as `identify` does.
-        posterior: how that of the extended model is sampled, or whether it is.
-        preprocessing: how the logs are made ready.
-        thresholds: that decide which effects are added to a result's model, and what is explained.
+        earlier: an identification of the robot, or a stored one. Or the robot, its name or file: then the first log
+            gives the model.
+        log: a log of the same robot, or anything that `bayesid.read_log` reads. With a robot a list of two or more, the
+            earliest first.
+        holdout: another log for cross-validation; without it stretches of the log are held back.
+        terms: terms of the model, with a robot: names of the catalogue, or your own terms.
+        constraints: constraints of the model, with a robot, as for `identify`.
+        search: sign search; by default a short one, and that of `identify` for the first of several logs.
+        posterior: sampling of the extended model's posterior, or whether to sample.
+        preprocessing: filtering and segmentation.
+        thresholds: thresholds of the selection of effects, with a result.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Returns:
@@ -102,7 +102,7 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
     if isinstance(earlier, Identification | IdentifiedModel):
         for name, value in (("terms", terms), ("constraints", constraints)):
             if value is not None:
-                raise InputError("are those of the result", field=name, remedy="leave them out")
+                raise InputError("cannot be given with a result, which has its own", field=name, remedy="leave it out")
         return explain_log(
             earlier,
             log,  # type: ignore[arg-type]  # a list is joined
@@ -116,10 +116,10 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
     if not isinstance(earlier, Robot) and os.path.isdir(earlier):
         raise InputError("is a folder", str(earlier), f"give the result in it: bayesid.load({str(earlier)!r})")
     if thresholds != Thresholds():
-        raise InputError("are of one log beside a result", field="thresholds", remedy="leave them out")
+        raise InputError("can be given with a result and one log only", field="thresholds", remedy="leave it out")
     if not isinstance(log, list | tuple):
-        remedy = "give a list of two or more, or one log beside a result: bayesid.find_discrepancy(result, log)"
-        raise InputError("one log beside a robot cannot be compared", field="log", remedy=remedy)
+        remedy = "give a list of two or more, or one log and a result: bayesid.find_discrepancy(result, log)"
+        raise InputError("one log and a robot cannot be compared", field="log", remedy=remedy)
     return compare_logs(
         earlier,
         log,

@@ -1,4 +1,4 @@
-"""What makes a log unfit for a comparison, one line each; columns that are mixed up, with what would mend them."""
+"""Checks of a log before a comparison, and detection of mixed-up columns with their correction."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ def check_log(robot: Robot, log: Log) -> None:
     check_joints(robot, log.n_joints, log.source)
     duration = float(log.t[-1] - log.t[0])
     if duration < SHORTEST_LOG:
-        problem = f"lasts {duration:.3g} s: too short to tell what a model lacks from chance"
-        remedy = f"record at least {SHORTEST_LOG:g} s: effects are judged by blocks of a second each, at least four"
+        problem = f"lasts {duration:.3g} s: too short for cross-validation"
+        remedy = f"record at least {SHORTEST_LOG:g} s, which make four blocks of a second or more"
         raise InputError(problem, log.source, remedy)
     if np.all(np.ptp(log.q, axis=0) < TUNING.encoder_range):
         raise InputError("no joint moves", log.source, "record a motion")
 
 
 def check_unseen(earlier: IdentifiedModel, log: Log) -> None:
-    """InputError if the model was identified from the log: what it lacks there, its own fit has bent it round."""
+    """InputError if the model was identified from the log, whose residual hides what the model lacks."""
     if earlier.seen(log):
-        problem = "is a log that the model was identified from: it cannot show what the model lacks"
+        problem = "the model was identified from this log, which cannot show what the model lacks"
         raise InputError(problem, log.source, "give another log of this robot, of another motion or load")
 
 
@@ -53,7 +53,7 @@ def check_same_robot(predicted: Array, trial: Trial, log: Log, thresholds: Thres
         error = float(np.sqrt(np.mean((measured - modelled) ** 2)))
         worse.append(error > thresholds.another_robot * float(np.std(measured)))
     if all(worse):
-        problem = "the model explains no joint's efforts better than a constant would"
+        problem = "the model explains no joint's efforts better than a constant"
         raise InputError(problem, log.source, "give a log of the robot that the model was identified from")
 
 
@@ -62,8 +62,10 @@ def check_holdout(robot: Robot, log: Log, holdout: Log) -> None:
     check_log(robot, holdout)
     same = len(log) == len(holdout) and np.array_equal(log.q, holdout.q)
     if same or _contains(log.q, holdout.q) or _contains(holdout.q, log.q):
-        problem = "holds the same motion as the log: it cannot score what the log has chosen"
-        raise InputError(problem, holdout.source, "give `holdout` another log, or none: then stretches are held back")
+        problem = "has the same motion as the log and is no independent test"
+        raise InputError(
+            problem, holdout.source, "give another log as `holdout`, or none: then stretches are held back"
+        )
 
 
 def _contains(whole: Array, part: Array) -> bool:
@@ -115,7 +117,7 @@ def check_columns(effort_of: Callable[[Motion], Array], trial: Trial, log: Log) 
     tried = [(errors(one), one) for one in _mix_ups(n)]
     left, best = min(tried, key=lambda pair: float(pair[0].sum()))
     if left[suspect].sum() < TUNING.mended * as_is[suspect].sum():
-        raise InputError(f"{best.said}: as it is the model does not explain the log", log.source, best.remedy)
+        raise InputError(f"{best.said}: the model does not explain the log as given", log.source, best.remedy)
 
 
 def _mix_ups(n: int) -> Iterator[_MixUp]:

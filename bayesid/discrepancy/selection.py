@@ -1,4 +1,4 @@
-"""The selection of effects: on some of the data, each borne out by the data that are held back."""
+"""Selection of effects: by evidence on part of the data, confirmed by held-back data."""
 
 from __future__ import annotations
 
@@ -25,28 +25,27 @@ from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets, refined
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
-"""Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
-or identifying the model again has made it larger there."""
+"""Data that show an unexplained joint: residual above the floor on the log, or on held-back data; or a residual on
+held-back data that grew when the model was identified again."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Effects that explain a log and are borne out by held-back data."""
+    """Effects that explain a log and are confirmed by held-back data."""
 
-    chosen: EffectSet  #: all of them, in the order in which they were added
-    before: FittedEffects  #: the log explained without any
+    chosen: EffectSet  #: the effects, in the order in which they were added
+    before: FittedEffects  #: fit to the log without effects
     library: Library  #: all hypotheses
-    #: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first
+    #: minimal sets that predict held-back data equally well, most probable first; the first is the chosen one
     sets: tuple[WeighedSet, ...]
-    stopped: bool  #: whether the search was stopped before all was tried
-    #: effects that had passed by their evidence, but that held-back data did not bear out or that were no more than
-    #: stand-ins; each with the set that it was chosen in
+    stopped: bool  #: whether the search stopped at its limit
+    #: effects with enough evidence that held-back data do not confirm, or that explain too little; each with its set
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
-    costs: tuple[Cost, ...]  #: of the effects, if each were ignored
+    costs: tuple[Cost, ...]  #: cost of ignoring each effect
 
     @property
     def added(self) -> list[AddedEffect]:
-        """The effects, with their probabilities over all sets, and what stands in their places in likely ones."""
+        """The effects, with their probabilities over all sets and their alternatives in probable ones."""
         chosen, added = self.sets[0], []
         likely = [one for one in self.sets if one.probability > chosen.probability / TUNING.equivalent_odds]
         for effect in (self._weighed(self.chosen, one) for one in self.chosen.effects):
@@ -59,7 +58,7 @@ class Selection:
 
     @property
     def refused(self) -> list[AddedEffect]:
-        """Those that were rejected; without a name, with the words of the explanation that had it."""
+        """The rejected effects; learned functions with a description."""
         refused, robot = [], self.chosen.case.model.robot
         for among, effect in self.rejected:
             amplitude, _ = among.fitted_effects.amplitude_of(effect)
@@ -72,7 +71,7 @@ class Selection:
 
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
-    """Effects that explain the log and are borne out by the data that are held back."""
+    """Effects that explain the log and are confirmed by held-back data."""
     with progress.stage("effect selection") as steps:
         return _selected(case, steps)
 
@@ -103,7 +102,7 @@ def _selected(case: Case, steps: Steps) -> Selection:
 
 
 def _begin(case: Case) -> tuple[Observations, Library]:
-    """Signs settled under the model, its parameters moved as far as the earlier log allows."""
+    """Signs from the earlier model, with parameters adapted as far as the earlier log allows; and all hypotheses."""
     predicted = case.before
     for _ in range(TUNING.settlings):
         predicted = case.modelled.effort(explain(case.data(predicted), ()))
@@ -117,7 +116,7 @@ def _begin(case: Case) -> tuple[Observations, Library]:
 # On the log
 # ---------------------------------------------------------------------------------------------------------------
 def _likeliest(sets: EffectSets, nothing: EffectSet, steps: Steps) -> EffectSet:
-    """The likeliest set: from what one effect after the other leads to, and from effects of the whole robot."""
+    """The most probable set, starting from forward selection and from effects of the whole robot."""
     best = _improved(sets, _one_by_one(sets, nothing))
     steps(1, 3)
     for effect in _of_several_joints(sets, nothing):
@@ -130,10 +129,10 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, steps: Steps) -> EffectSet:
 
 
 def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey] = ()) -> EffectSet:
-    """One effect after the other, the signs settled and the numbers refined under what was found, until no more is.
+    """Forward selection; signs and numbers are found again after each pass, until nothing changes.
 
-    Where the floor is blunt, for the earlier model was a poor one, standard effects come first, and nothing else where
-    they reach it: the friction of a real joint is never exactly what a term says.
+    If the earlier model was poor and the floor therefore uncertain, standard effects come first. Other effects are not
+    tried in joints where these reach the floor, as real friction never fits a term exactly.
     """
     case, limits = sets.case, sets.case.thresholds
     seen = [chosen.keys]
@@ -154,7 +153,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
 
 
 def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequence[ErrorModel], list[Hypothesis]]:
-    """All other effects on top of a set, best first: the standard ones alone where nothing else is looked for."""
+    """All effects that may be added to a set, best first; only standard ones if so requested or near the floor."""
     regression = Regression.of(explain(chosen.data, chosen.effects, chosen.fitted_effects))
     closed = ~chosen.data.sharp if standard else at_blunt_floor(chosen.data, chosen.fitted_effects.mean_square)
     allowed = [
@@ -167,7 +166,7 @@ def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequen
 
 
 def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
-    """The likeliest of what whole sets of effects in one joint lead to, joint by joint, until none is likelier."""
+    """The most probable set after searching whole sets of effects joint by joint, until none is better."""
     looks = Counter[int]()
     looked = set[tuple[int, Forms]]()  # at a joint beside these effects elsewhere
     while True:
@@ -185,7 +184,7 @@ def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
 
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
-    """Joints (0-based) that are above the floor, or have effects of their own with several numbers, the worst first."""
+    """Joints (from 0) above the floor, or with effects of several numbers, worst first."""
     ratio = np.sqrt(chosen.fitted_effects.mean_square)
     own = Counter[int]()
     for effect in chosen.effects:
@@ -197,10 +196,10 @@ def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
 
 
 def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
-    """The likeliest with other effects of one joint's own.
+    """The most probable set with other effects in one joint.
 
-    Distortions are linear near what they act on alone: where nothing else comes near the floor, each is settled by
-    itself first, and other effects are looked for beside it.
+    Distortions are linearised about a prediction. If no set comes near the floor, each distortion is fitted alone first
+    and other effects are searched beside it.
     """
     forms = [form for group in sets.library for form in group if form.columns.joints == {joint}]
     others = best.without(*best.in_joint(joint))
@@ -216,14 +215,14 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
 
 
 def _left(chosen: EffectSet, joint: int) -> float:
-    """Mean square of what a set leaves of a joint, in units of the floor's."""
+    """Mean square residual of a joint, over that of the floor."""
     return float(chosen.fitted_effects.mean_square[joint])
 
 
 def _with_some_of(
     sets: EffectSets, others: Sequence[Hypothesis], chosen: EffectSet, joint: int, forms: Sequence[Hypothesis]
 ) -> list[EffectSet]:
-    """Some of a chosen set's effects, with others of one joint's own beside: the likeliest few, looked at closely."""
+    """`others` with sets of effects in one joint, the most probable few fitted fully."""
     data = chosen.data
     proposed = joint_sets(data, joint, others, forms, sets.log_prior)
     by_size: dict[int, list[tuple[float, tuple[Hypothesis, ...]]]] = {}
@@ -234,10 +233,9 @@ def _with_some_of(
 
 
 def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
-    """The same in better forms, as long as that makes it likelier; without what is not needed.
+    """The set with better forms and without unnecessary effects, as long as that makes it more probable.
 
-    Forms that were had before are not tried again: what a set is judged by moves with it, and may make it look likelier
-    for ever.
+    Forms that were tried are not tried again: the reference changes with the set, so the iteration might not end.
     """
     seen = set[Forms]()
     while best.effects and best.forms not in seen:
@@ -264,10 +262,10 @@ def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]
 # On held-back data
 # ---------------------------------------------------------------------------------------------------------------
 def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
-    """The sets that predict held-back data as well as any, and no part of which does; the likeliest first.
+    """Minimal sets that predict held-back data equally well, most probable first.
 
-    Beside those that were looked at, all that lack an effect of it, or have a rival in its place, are. The log itself
-    must bear out each effect of a set beside the others.
+    Sets without an effect of the chosen one, or with an alternative in its place, are fitted too. Each effect of a set
+    needs evidence on the log beside the others.
     """
     seen, minimal = set[Forms](), [chosen]
     while chosen.forms not in seen and len(seen) < TUNING.rounds:
@@ -279,10 +277,10 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
 
 
 def _helping(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
-    """Effects taken one after the other, without those that do not help on held-back data, beside others; and those.
+    """Forward selection without effects that held-back data do not confirm, and these effects.
 
-    Where a floor is blunt, for the earlier model was a poor one, elaborate effects fit real friction a little better
-    than what is missing: sets are not compared.
+    Used if the floor is uncertain because the earlier model was poor. Sets are not compared then, as complex effects
+    fit real friction slightly better than the missing effect.
     """
     chosen, idle = nothing, list[tuple[EffectSet, Hypothesis]]()
     while True:
@@ -296,7 +294,7 @@ def _helping(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tupl
 
 
 def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
-    """The last effect that does not help on held-back data, beside the others."""
+    """The last effect that held-back data do not confirm beside the others."""
     least = sets.case.thresholds.held_back_improvement
     for effect in reversed(chosen.effects):
         fewer = sets.settled(chosen.without(effect), chosen.data, ())
@@ -306,7 +304,7 @@ def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
 
 
 def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
-    """Adds the sets that lack an effect of a chosen one, or have a rival in its place, or in that of two."""
+    """Fits sets without an effect of the chosen one, or with an alternative to one or two of its effects."""
     chosen = sets.anchored(chosen)
     sets.fewer(chosen)
     pairs = [(a, b) for a, b in combinations(chosen.effects, 2) if a.columns.joints == b.columns.joints]
@@ -316,9 +314,9 @@ def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
 
 
 def minimal_sets(sets: EffectSets) -> list[EffectSet]:
-    """Sets that predict held-back data as well as any, within the error, and no part of which does: likeliest first.
+    """Minimal sets that predict held-back data as well as the best one within the error, most probable first.
 
-    Errors are judged by what the best set leaves of each joint: it is no less than the noise.
+    The sd of the errors is the smallest residual of any set, at least the floor.
     """
     candidates = [one for one in sets.found.values() if not _needless(sets, one)]
     score(candidates)
@@ -341,7 +339,7 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
 
 
 def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
-    """Whether a set that was looked at and lacks one of the effects is about as likely, or that was there all along."""
+    """Whether a fitted set without one of the effects is about as probable, or the effect existed before."""
     for effect in chosen.effects:
         fewer = sets.found.get(chosen.forms - {form_of(effect)})
         if fewer is None:
@@ -354,7 +352,7 @@ def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
 
 
 def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -> list[Hypothesis]:
-    """Other effects, or other forms, that explain nearly as much in the place of one; or the most, in that of two."""
+    """Alternatives to one or two effects: other effects or forms with a similar gain."""
     regression = Regression.of(explain(chosen.data, chosen.without(*gone), chosen.fitted_effects))
     keys = {effect.key for effect in gone}
     joints, forms = gone[0].columns.joints, set(map(form_of, gone))
@@ -369,10 +367,10 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What stays unexplained
+# Unexplained joints
 # ---------------------------------------------------------------------------------------------------------------
 def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
-    """Without effects of joints that stay unexplained, unless they explain most of what was to be explained."""
+    """The set without effects of unexplained joints, unless they explain most of the excess."""
     case, limits = sets.case, sets.case.thresholds
     for joint in case.unexplained(chosen.fitted_effects, chosen.predicted):
         of_joint = chosen.in_joint(joint - 1)

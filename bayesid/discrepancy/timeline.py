@@ -1,19 +1,17 @@
-"""What each of several logs says by itself: of effects, and of parameters, which make a time line.
+"""Evidence of each of several logs alone: for effects, and for parameters, which form a time line.
 
-An effect beyond the terms asked for was missing all along if both logs bear it out by themselves, evidence and
-held-back blocks both, near standstill too: what an effect must pass to enter a model in the first place. Where a log
-does not, it may have been too short or too still to show the effect, or the effect is not there. The size in the other
-log tells: with a the amplitudes here, C their covariance and b the size there,
+An effect was missing in all logs if each log alone confirms it by model selection. If a log does not, the effect is
+absent or the log is too short or too slow to show it. The size in the other log decides: with a the amplitudes here, C
+their covariance and b the size there,
 
     log p(log | b) - log p(log | 0) = a' C^-1 b - b' C^-1 b / 2
 
-is decisive against the effect, or the log cannot tell.
+is decisive against the effect, or the log does not decide.
 
-A parameter is compared with what it was in the first log, in standard deviations of the difference. These are those of
-identifications that share nothing: coloured noise counts by its effective samples, and what the model may lack, which
-logs of other motions show otherwise, widens them (:eq:`nuisance-spread`). A payload cannot be told from the last link
-by a log itself; by the difference of two it can: with d the difference of the coefficients, C its covariance and P the
-columns by which a body on the last link adds to those that it touches::
+A parameter's change since the first log is given in standard deviations of the difference of independent
+identifications. These include coloured noise, by effective samples, and effects that the model may lack
+(:eq:`nuisance-spread`). A single log cannot separate a payload from the last link; the difference of two logs can. With
+d the difference of the coefficients, C its covariance and P the columns of a body on the last link::
 
     payload = (P' C^-1 P)^-1 P' C^-1 d,   rest = d - P payload,   Cov(rest) = C - P (P' C^-1 P)^-1 P'.
 """
@@ -43,9 +41,9 @@ from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.signs.sign_solution import restored
 
 PAYLOAD = "payload mass"
-"""Name of the parameter that no log shows by itself."""
+"""Name of the payload's parameter."""
 SHOWN, ABSENT, OPEN = "shown", "absent", "cannot tell"
-"""What a log says of an effect."""
+"""Evidence of a log about an effect."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -53,10 +51,10 @@ SHOWN, ABSENT, OPEN = "shown", "absent", "cannot tell"
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Standing:
-    """What a log says of an effect: `SHOWN`, `ABSENT` or `OPEN`.
+    """Evidence of a log about an effect: `SHOWN`, `ABSENT` or `OPEN`.
 
-    The Bayes factor is for the effect beside all others, NaN where the log does not bear it out; the ratio for its size
-    in the other log against none, NaN where that cannot be said.
+    The Bayes factor is for the effect beside all others, NaN if not confirmed. The ratio is for its size in the other
+    log against zero, NaN if unknown.
     """
 
     says: str
@@ -65,7 +63,7 @@ class Standing:
 
 
 def key_of(effect: Effect) -> EffectKey:
-    """Effect and joints, whatever the form."""
+    """Effect and joints, independent of the form."""
     return effect.effect, effect.joints
 
 
@@ -76,7 +74,7 @@ def without(model: Model, keys: Sequence[EffectKey]) -> Model:
 
 
 def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, float]:
-    """Those of some effects that a run's log bears out by itself, beside the rest of its model: log10 Bayes factors."""
+    """Effects that a run's log confirms alone, beside the rest of its model, with their log10 Bayes factors."""
     if not effects:
         return {}
     log_data = _log_data(run, without(run.model, [key_of(effect) for effect in effects]))
@@ -86,7 +84,7 @@ def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, 
 
 
 def missing_preexisting(model: Model, again: Identification) -> tuple[EffectKey, ...]:
-    """Effects beyond the standard terms that an earlier model has and a later log bears out by itself as well."""
+    """Non-standard effects of an earlier model that a later log confirms alone."""
     beyond = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
     shown = shown_by(again, [one for one in again.model.effects if key_of(one) in {key_of(other) for other in beyond}])
     return tuple(key_of(one) for one in beyond if key_of(one) in shown)
@@ -95,9 +93,9 @@ def missing_preexisting(model: Model, again: Identification) -> tuple[EffectKey,
 def standing(
     run: Identification, effect: Effect, confirmed: Mapping[EffectKey, float], other: Identification
 ) -> Standing:
-    """What a log says of an effect that another log has shown; `confirmed` is what `shown_by` says of it.
+    """Evidence of a log about an effect that another log shows; `confirmed` is the result of `shown_by`.
 
-    The effect has its numbers in the other log, and so does the model of the other run.
+    The effect has its numbers in the other log.
     """
     linear = bool(effect.parameters(run.model.robot))
     ratio = _of_amplitudes(run, effect, other) if linear else _of_distortion(run, effect)
@@ -120,7 +118,7 @@ def _of_amplitudes(run: Identification, effect: Effect, other: Identification) -
 
 
 def _of_distortion(run: Identification, effect: Effect) -> float:
-    """The same of an effect with numbers instead of amplitudes, from the residuals with it and without it."""
+    """The same for a distortion, from the residuals with it and without it."""
     plain = without(run.model, [key_of(effect)])
     fits, counts = [], []
     for model in (plain, plain.extend(effect)):
@@ -146,37 +144,36 @@ def _log_data(run: Identification, model: Model) -> LogData:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class TrackedParameter:
-    """A coefficient that is followed."""
+    """A coefficient of the time line."""
 
     name: str
-    """Of the parameter that it is built on."""
+    """Its leading parameter."""
     expression: str
-    """The sum of standard parameters that it is."""
+    """Sum of parameters."""
     unit: str
     effect: str
-    """Name in the catalogue of the form whose parameter it is built on."""
+    """Catalogue name of the form of its leading parameter."""
     joint: int
     """From 1."""
 
     @property
     def plain(self) -> bool:
-        """Whether it is one parameter, no sum."""
+        """Whether it is a single parameter."""
         return self.expression == self.name
 
 
 @dataclass(frozen=True)
 class Timeline:
-    """C parameters of one model over K logs, each identified by itself; NaN where a log does not show one.
+    """C coefficients of one model over K logs, each identified alone; NaN if a log does not show one.
 
     Attributes:
-        tracked: (C,) what they are.
-        value: (K, C) estimates, each in its unit.
-        sd: (K, C) their standard deviations; inf where a log does not show one.
-        change: (K, C) since the first log, without what a payload explains.
-        change_sd: (K, C) standard deviations of these changes, both logs' uncertainty in them; NaN for the first log.
-        of_payload: (K, C) what a payload that came adds to the estimates; 0 where there is none.
-        p: (K, C) probability of so large a change by chance, after Holm's correction for all that were tested; NaN
-            where none was.
+        tracked: (C,) names and units.
+        value: (K, C) estimates.
+        sd: (K, C) standard deviations; inf if not identifiable.
+        change: (K, C) change since the first log, without that of a payload.
+        change_sd: (K, C) standard deviations of the changes, from both logs; NaN for the first log.
+        of_payload: (K, C) contribution of a new payload; 0 without one.
+        p: (K, C) p values of the changes after Holm's correction for all tests; NaN if not tested.
 
     Example:
         >>> line = bayesid.find_discrepancy(robot, [log, other_log], terms=terms, posterior=False).timeline
@@ -194,13 +191,13 @@ class Timeline:
 
     @property
     def z(self) -> Array:
-        """(K, C) changes in units of their standard deviations; NaN where there is none."""
+        """(K, C) changes in standard deviations."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.change / self.change_sd)
 
     @property
     def moved(self) -> Mask:
-        """(K, C) whether a parameter is another one than in the first log: p below `Tuning.level`."""
+        """(K, C) whether a coefficient has changed since the first log: p below `Tuning.level`."""
         with np.errstate(invalid="ignore"):
             return np.asarray(self.p < TUNING.level)
 
@@ -211,10 +208,7 @@ class Timeline:
 
     @property
     def factor(self) -> float:
-        """How many times its standard deviation the typical parameter differs, 1 where these are right; NaN for none.
-
-        The median of |z| over that of a normal distribution: few parameters that moved hardly change it.
-        """
+        """Median |z| over that of a normal distribution; 1 if the standard deviations are right, NaN without tests."""
         z = np.abs(self.z[np.isfinite(self.p)])
         return float(np.median(z) / ndtri(0.75)) if len(z) else np.nan
 
@@ -249,11 +243,11 @@ def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Tim
 
 @dataclass(frozen=True)
 class Rest:
-    """What a payload leaves of the differences of m coefficients."""
+    """Differences of m coefficients after a payload is fitted."""
 
-    change: Array  # (m,) that it does not explain
-    sd: Array  # (m,) of these; NaN where it would explain any
-    of_payload: Array  # (m,) that it explains
+    change: Array  # (m,) not explained by the payload
+    sd: Array  # (m,) standard deviations of these; NaN if a payload explains any difference
+    of_payload: Array  # (m,) explained by the payload
     mass: tuple[float, float]  # kg, and its standard deviation; NaN without columns
 
 

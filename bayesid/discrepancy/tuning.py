@@ -1,4 +1,4 @@
-"""Numbers that were chosen: how a model is compared with a log, and how the effects that it lacks are selected."""
+"""Numeric choices of this package: comparison of logs and selection of effects."""
 
 from __future__ import annotations
 
@@ -7,104 +7,103 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """Choices of this package, with what each is for; `TUNING` holds those in use.
+    """Choices of this package; `TUNING` holds those in use.
 
-    What decides which effects are named is an option: `bayesid.types.Thresholds`.
-
-    Many of them were halved and doubled (`python -m bayesid.studies.ablation discrepancy`). Where that was seen to
-    change a decision on simulated pairs of logs, the number's sentence says so.
+    Thresholds of the selection are options (`bayesid.types.Thresholds`).
+    `python -m bayesid.studies.ablation discrepancy` halves and doubles these numbers.
     """
 
     # The log
     encoder_range: float = 1e-3
-    """rad; a joint that never leaves this range stands still but for its encoder's noise."""
+    """Range of a joint's positions below which it stands still, rad: above encoder noise."""
     longest: int = 10_000
-    """Samples of a log that effects are selected on: time grows with them."""
+    """Samples of a log that effects are selected on; computing time is proportional."""
     stretches: int = 8
     """Stretches that these samples are taken from."""
     seam: int = 10
-    """Samples at the ends of a stretch that do not count: filters and hysteresis see across."""
+    """Samples left out at the ends of a stretch, where filters and hysteresis depend on samples outside."""
     blocks: int = 8
-    """Equal blocks of a log that some are held back of, where there is no holdout log."""
+    """Equal blocks of a log, some of which are held back if there is no holdout log."""
     held_back_blocks: tuple[int, ...] = (2, 5)
-    """Those that are held back (0-based): a quarter of the log."""
+    """Held-back blocks (from 0): a quarter of the log."""
     mix_up_samples: int = 400
-    """On which every mix-up of columns is tried, spread evenly."""
+    """Samples on which mixed-up columns are tested, evenly spread."""
     suspect: float = 0.25
-    """Mean squared error of a joint over the variance of its efforts, from which on mix-ups are tried."""
+    """Mean squared error of a joint over the variance of its efforts above which mixed-up columns are tested."""
     mended: float = 0.1
-    """Share of that error that a mended mix-up may leave at most: no effect is undone by exchanging columns."""
+    """Largest share of that error after correcting mixed-up columns; no missing effect lowers it that much."""
     left_length: float = 0.7e-3
-    """m, by which a table may still be off once the model is bent to an earlier log, of 1 mm. Set by hand: with less an
-    error of the table since then need not be as large."""
+    """Remaining length error of a table adapted to an earlier log, m; 1 mm is assumed before. Smaller values let later
+    errors of the table count as new."""
     left_angle: float = 0.07
-    """Degrees, of 0.1 degrees; likewise."""
+    """Remaining angle error likewise, degrees; 0.1 degrees are assumed before."""
 
     # The noise floor
     least_floor: float = 1e-3
-    """Share of the earlier noise below which no floor is: a guard against residuals that are nothing but zeros."""
+    """Smallest noise floor over the earlier noise; for residuals that are exactly zero."""
     repeated: float = 1e-3
-    """Share of a joint's range within which a repeated motion comes back."""
+    """Tolerance of positions in a repeated motion, as a share of the joint's range."""
     repeated_still: float = 1e-4
-    """rad; a joint that stands still comes back within its encoder's noise."""
+    """The same for a joint that stands still, rad: encoder noise."""
     probed: float = 5.0
-    """Times that tolerance within which the first sample must come back before all others are compared: saves time."""
+    """Factor on that tolerance for the first sample, which is compared before all others; saves time."""
     same_motion: float = 0.05
-    """Share of a joint's range up to which positions of two recordings may differ, RMS: 0.03 in repetitions of a KUKA
-    KR 300, above 0.2 in other motions of the same robots."""
+    """Largest RMS difference of the positions of two recordings, as a share of the joint's range: 0.03 in repetitions
+    of a KUKA KR 300, above 0.2 in other motions of the same robots."""
     aligned: int = 1000
-    """Samples by which the clocks of two recordings are compared; the shift is then refined between two of them."""
+    """Samples by which the clocks of two recordings are aligned; the shift is then refined between samples."""
     shortest_period: float = 1.0
-    """s; a repeated motion lasts longer than this: whatever is shorter is a pause."""
+    """Shortest period of a repeated motion, s; shorter repetitions are pauses."""
     smooth: float = 1.5
-    """Exponent of the lag by which squared differences grow, from which on something is smoother than model errors are:
-    0 for white noise, 1 for a random walk, 2 for what has passed a low-pass."""
+    """Exponent of the lag in the growth of squared differences above which a residual was low-passed: 0 for white
+    noise, 1 for a random walk, 2 after a low-pass."""
     longest_lag: float = 0.1
-    """s; what changes more slowly is model error: friction turns round within a tenth of a second."""
+    """Longest lag of noise, s; slower residuals are model error, as friction reverses within a tenth of a second."""
     bins: int = 12
-    """Of a variable that a residual is shown over, with equally many samples each. A round number, for display."""
+    """Bins with equally many samples in which a residual is displayed; a matter of display only."""
     in_range: float = 0.25
-    """Of the largest bin's share, from which on a bin belongs to the range that is shown. For display."""
+    """Share of the largest bin above which a bin is in the displayed range; a matter of display only."""
 
     # The search for effects
     settlings: int = 2
-    """Times that signs and coefficients take turns before effects are looked for."""
+    """Alternations of signs and coefficients before effects are selected."""
     most_sets: int = 48
-    """Sets of effects that are looked at closely; most logs need fewer. A round number: bounds the time."""
+    """Sets of effects that are fitted fully; bounds the time, most logs need fewer."""
     polished: int = 2
-    """Sets of one joint's effects, of each size, that are looked at closely."""
+    """Sets of one joint's effects that are fitted fully, per size."""
     looks: int = 2
-    """Times that sets of one joint's effects are looked for, others having changed meanwhile. Bounds the time."""
+    """Searches for sets in one joint after effects elsewhere changed; bounds the time."""
     most_idle: int = 4
-    """Effects that do not help before no more are added."""
+    """Effects that held-back data reject before the search stops."""
     rounds: int = 3
-    """Times that the sets around a chosen one are looked at; it rarely changes more than once. Bounds the time."""
+    """Searches around a chosen set, which rarely changes more than once; bounds the time."""
     few: int = 2
-    """Numbers up to which one effect in a joint is plain: more may stand for several effects."""
+    """Numbers of an effect above which it may replace several effects."""
     bases: int = 2
-    """Distortions that other effects are looked for beside, those that explain most first."""
+    """Distortions beside which other effects are searched, those with the largest gain."""
     whole: int = 2
-    """Effects of several joints, or rivals of an effect, that are looked at closely."""
+    """Effects of several joints, or alternatives to an effect, that are fitted fully."""
     nearly: float = 3.0
-    """log10 Bayes factor by which a rival may be behind, in the quick look, to be looked at closely."""
+    """log10 Bayes factor by which an alternative may be worse, in the quick score, to be fitted fully."""
     noticed: float = 0.5
-    """Nats by which other forms must be likelier to be worth another turn."""
+    """Nats by which other forms must be better for another iteration."""
     equivalent_odds: float = 10.0
-    """Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""
+    """Odds up to which two sets count as equally probable: evidence is strong from there (Jeffreys 1961, appendix
+    B)."""
     most_functions: int = 3
-    """Functions without a name that are added in one joint."""
+    """Learned functions that are added in one joint."""
     near_best: float = 0.5
-    """Share of the best gain, of a function or of a joint's effects together, from which on another function may turn
-    out better: signs settled without it hide what it explains. Set by hand."""
+    """Share of the best gain from which another function is fitted too: signs found without a function hide part of its
+    gain."""
 
     # Several logs
     decisive: float = 2.0
-    """log10 of a likelihood ratio from which on a log speaks for or against an effect of a given size (Jeffreys 1961,
-    appendix B)."""
+    """log10 likelihood ratio from which a log decides for or against an effect of given size (Jeffreys 1961, appendix
+    B)."""
     level: float = 0.05
-    """Probability that any parameter at all is said to have moved where none has: a usual level."""
+    """Probability that any parameter is reported as moved by chance."""
     scatter: float = 1.3
-    """Typical change over its standard deviation from which on a warning says so, as of separate runs."""
+    """Median change over its standard deviation above which there is a warning; as for separate runs."""
 
 
 TUNING = Tuning()

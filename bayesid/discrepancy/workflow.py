@@ -1,4 +1,4 @@
-"""The workflow: compare a model with a log, name what is missing, add it, identify again, and show the gap shrink."""
+"""Comparison of a model with a log: select missing effects, add them, identify again, and compute the gaps."""
 
 from __future__ import annotations
 
@@ -46,28 +46,28 @@ class Discrepancy:
     Attributes:
         status: "no_discrepancy", "explained", "partly_explained" (effects were found, but joints stay unexplained) or
             "unexplained".
-        where: where the model before exceeds the floor, its parameters moved as far as the earlier log allows.
-        added: effects, in this order.
-        before: (n,) gap of the model as it was, on data that it was not fitted to, RMS in N m.
-        after: (n,) gap of the extended model on them.
-        floor: their noise floor.
-        holdout: which data these are.
-        unexplained: joint (from 1) and ratio of what is left to the floor: on the log or, where only held-back data say
-            so, on these.
-        unexplained_on: by such joint, which data say so (see `bayesid.discrepancy.selection.ON_LOG`).
-        scores: of the whole catalogue, before anything was added.
-        refused: effects that would have been added but made the fit to held-back data no better, or too little.
-        not_testable: effect and joints that this log could not show.
-        identification: of the extended model on the log.
-        trial: the log, stretches of it if it is long; without the held-back ones among the used samples.
-        cross_validation: the data that scored.
-        predicted_before: (N, n) by the model as it was, N m.
-        predicted_after: (N, n) by the extended model, N m.
-        warnings: what the user should know.
-        thresholds: that decided.
-        seconds: of wall time.
-        sets: that may be what is missing, as far as held-back data leave them, and their probabilities, best first.
-        preexisting: effects and joints beyond the standard terms that the model had, confirmed by this log alone.
+        where: where the residual of the earlier model exceeds the floor, with parameters adapted to the log as far as
+            the earlier log allows.
+        added: added effects, in this order.
+        before: (n,) gap of the earlier model on held-back data, RMS in N m.
+        after: (n,) gap of the extended model on the same data.
+        floor: noise floor.
+        holdout: name of the held-back data.
+        unexplained: joint (from 1) and ratio of its residual to the floor, on the log or else on held-back data.
+        unexplained_on: such a joint to the data that show it (see `bayesid.discrepancy.selection.ON_LOG`).
+        scores: scores of the whole catalogue, before effects were added.
+        refused: effects with enough evidence on the log that do not improve the prediction of held-back data.
+        not_testable: effect and joints that this log cannot show.
+        identification: identification of the extended model from the log.
+        trial: the log, or stretches of a long one; held-back samples are not used.
+        cross_validation: the held-back data.
+        predicted_before: (N, n) efforts of the earlier model, N m.
+        predicted_after: (N, n) efforts of the extended model, N m.
+        warnings: warnings in words.
+        thresholds: thresholds of the selection.
+        seconds: wall time.
+        sets: alternative sets of effects and their probabilities, best first.
+        preexisting: non-standard effects of the earlier model that this log confirms alone.
 
     Example:
         >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
@@ -116,7 +116,7 @@ class Discrepancy:
 
     @property
     def vetoed(self) -> tuple[EffectKey, ...]:
-        """Effects and joints that were refused."""
+        """Refused effects and their joints."""
         return tuple(effect.hypothesis.key for effect in self.refused)
 
 
@@ -193,7 +193,7 @@ def _body(
     preprocessing: Preprocessing,
     progress: Progress,
 ) -> PayloadEstimate | None:
-    """The payload as `identify_payload` reads it, so that it has one number; None where that cannot read it."""
+    """The payload by `identify_payload`, so that both report the same numbers; None if that fails."""
     brief = (
         replace(BRIEF, rng=posterior.seed, time_limit=posterior.time_limit)
         if isinstance(posterior, Sampling)
@@ -268,10 +268,9 @@ def _unexplained_anywhere(
     floor: NoiseFloor,
     thresholds: Thresholds,
 ) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
-    """Joint (from 1) and ratio to the floor of those that stay unexplained, and by joint which data say so.
+    """Unexplained joints (from 1) with the ratio of their residual to the floor, and the data that show it.
 
-    The ratio is that on the log, of those that the log itself shows; of others on held-back data, of which there are
-    the errors of the model as it was and of the extended one.
+    `before` and `after` are the errors of the earlier and the extended model on held-back data.
     """
     above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
     said = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
@@ -285,9 +284,9 @@ def _joints(which: Mask) -> set[int]:
 
 
 def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[CrossValidation, CrossValidation]:
-    """What the model as it was leaves of the held-back data, and what the extended one does."""
+    """Errors of the earlier and the extended model on held-back data."""
     theta = again.theta
-    if not case.cross_validation.another_log:  # those stretches must not have had a say
+    if not case.cross_validation.another_log:  # the final fit used those stretches too
         theta = selection.chosen.refitted.theta
     scoring = case.cross_validation.trial
     motion = scoring.signals.motion
@@ -297,7 +296,7 @@ def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[Cros
 
 
 def _where(case: Case, fitted_effects: FittedEffects, floor: NoiseFloor) -> list[Excess]:
-    """Where the model exceeds the floor, having given way as far as the earlier log allows."""
+    """Where the residual of the adapted earlier model exceeds the floor."""
     predicted, trial = case.modelled.effort(fitted_effects), case.trial
     above = np.flatnonzero(floor.exceeded(trial.gap(predicted), case.thresholds)).tolist()
     return where_it_shows(trial, trial.residual(predicted), predicted, floor.rms, above)
@@ -307,14 +306,14 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     warnings = []
     if not case.knowledge.precision.any():
         warnings.append(
-            "nothing is known of how certain the model's parameters are: effects that resemble them go unseen"
+            "the uncertainty of the model's parameters is unknown: effects that resemble them cannot be detected"
         )
     blunt = np.flatnonzero(~floor.sharp).tolist()
     if blunt:
         joints = ", ".join(str(j + 1) for j in blunt)
-        share = f"the model left over {case.thresholds.good_fit:.0%} of the effort of joint {joints} in its own log"
-        warnings.append(f"{share}: there the noise floor is taken from this log ({floor.origin[blunt[0]]})")
+        share = f"in its own log the model's residual was above {case.thresholds.good_fit:.0%} in joint {joints}"
+        warnings.append(f"{share}: the noise floor there is taken from this log ({floor.origin[blunt[0]]})")
     if stopped:
-        tried = f"the search for sets of effects ended after {TUNING.most_sets} of them"
-        warnings.append(f"{tried}: others might explain the log as well")
+        tried = f"the search for sets of effects stopped after {TUNING.most_sets} sets"
+        warnings.append(f"{tried}: others may explain the log equally well")
     return warnings

@@ -106,5 +106,7 @@ def design_excitation(  # noqa: PLR0913  options of either form
         chosen = STANDARD if terms is None else terms
         return design_for_robot(subject, chosen, settings=settings, prior=prior, seed=seed_of(rng), progress=progress)
     if terms is not None:
-        raise InputError("are those of the result", field="terms", remedy="leave them out, or say `about`")
+        raise InputError(
+            "cannot be given with a result, which has its own", field="terms", remedy="leave them out, or say `about`"
+        )
     return design_next(subject, about, between, run=settings, recorded=recorded, criterion=criterion, progress=progress)

@@ -189,8 +189,8 @@ def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
         ({"log": "two.csv"}, "the log has 2 joints"),
         ({"log": "other.csv"}, "the robot that the model was identified from"),
         ({"log": "still.csv"}, "constant"),
-        ({"log": "first.csv"}, "a log that the model was identified from"),
-        ({"holdout": "first.csv"}, "a log that the model was identified from"),
+        ({"log": "first.csv"}, "the model was identified from this log"),
+        ({"holdout": "first.csv"}, "the model was identified from this log"),
         ({"out": ""}, "holds"),
         ({"result": "broken"}, "model.toml"),
     ):
