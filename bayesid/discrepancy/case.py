@@ -24,6 +24,7 @@ from bayesid.regression.selection.columns import Columns, blocks_of
 from bayesid.regression.selection.cross_validation import CrossValidation
 from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Observations, Thresholds
 from bayesid.regression.selection.modelled_log import Extension, ModelledLog
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.sign_solution import SignSolution, restored, settle_signs
@@ -87,12 +88,12 @@ class Trial:
         return None
 
 
-def make_trial(model: Model, signals: Signals, thresholds: Thresholds = Thresholds()) -> Trial:
+def make_trial(model: Model, signals: Signals) -> Trial:
     """Prepares a log for comparisons with a model of its robot."""
     actuators = model.robot.actuators(signals.motion)
     segments = find_segments(signals, actuators)
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
-    moving &= np.abs(actuators.dq) > thresholds.clearly_moving * actuators.standstill_speed
+    moving &= np.abs(actuators.dq) > TUNING.clearly_moving * actuators.standstill_speed
     moving &= np.ptp(actuators.q, axis=0) > TUNING.encoder_range
     return Trial(signals, actuators, moving & signals.inner)
 
@@ -134,14 +135,12 @@ class NoiseFloor:
     #: missed
     lasting: Mask
 
-    def exceeded(self, gap: Array, thresholds: Thresholds) -> Mask:
+    def exceeded(self, gap: Array) -> Mask:
         """(n,) whether a gap, N m, exceeds the noise of a joint."""
-        return gap > np.where(self.sharp, thresholds.above_floor, thresholds.above_blunt_floor) * self.rms
+        return gap > np.where(self.sharp, REGRESSION.above_floor, REGRESSION.above_blunt_floor) * self.rms
 
 
-def noise_floor(
-    trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None, thresholds: Thresholds = Thresholds()
-) -> NoiseFloor:
+def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None) -> NoiseFloor:
     """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
 
     :eq:`noise-floor` where it is taken from differences. The residual (N, n) is that of the best explanation so far,
@@ -149,22 +148,22 @@ def noise_floor(
     with all standard effects, identified from this log by itself. All in N m.
     """
     repeated = trial.between_periods
-    sharp = earlier.sigma < thresholds.good_fit * trial.rms(trial.magnitude)
+    sharp = earlier.sigma < TUNING.good_fit * trial.rms(trial.magnitude)
     lag = _lag_of_noise(residual, trial.used, trial.signals.rate)
     fast = np.maximum(np.sqrt(_half_square(residual, trial.used, lag)), TUNING.least_floor * earlier.sigma)
-    largest = thresholds.white_growth * earlier.white
+    largest = TUNING.white_growth * earlier.white
     white = np.where(sharp, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
     coloured = np.where(sharp, earlier.coloured, fast)
     rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
     blunt = REFIT if refit is not None else FAST_PART if lag == 1 else SMOOTHED
     origin = tuple(MODELS_RESIDUAL if good else blunt for good in sharp)
-    lasting = rms > thresholds.above_floor * white  # over the white noise alone it would be a finding itself
+    lasting = rms > REGRESSION.above_floor * white  # over the white noise alone it would be a finding itself
     if repeated is not None:
-        rms, white = repeated, np.maximum(np.minimum(white, repeated), thresholds.repeated_white * repeated)
+        rms, white = repeated, np.maximum(np.minimum(white, repeated), TUNING.repeated_white * repeated)
         origin, sharp = (REPEATED,) * len(rms), np.ones(len(rms), dtype=bool)
         lasting = ~sharp  # a model has no part in it
-    white_limit = thresholds.white_limit * np.maximum(white, rms / np.sqrt(2.0))
-    coloured_limit = thresholds.coloured_limit * coloured + thresholds.coloured_allowance * white
+    white_limit = TUNING.white_limit * np.maximum(white, rms / np.sqrt(2.0))
+    coloured_limit = TUNING.coloured_limit * coloured + TUNING.coloured_allowance * white
     limits = np.stack([white_limit, coloured_limit], axis=1)
     return NoiseFloor(rms, origin, limits, sharp, np.minimum(white, rms), lasting)
 
@@ -295,13 +294,11 @@ class HeldBack:
         return np.stack([values[block].sum(axis=0) for block in blocks])
 
 
-def divide(
-    model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None, thresholds: Thresholds
-) -> tuple[Trial, HeldBack]:
+def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None) -> tuple[Trial, HeldBack]:
     """The data that select, and those that score: another log or, without one, stretches of the log."""
     if later is not None:
-        other = shortened(make_trial(model, prepare(later, cutoff), thresholds))
-        slowest = thresholds.clearly_moving * trial.actuators.standstill_speed  # of friction's form on the log
+        other = shortened(make_trial(model, prepare(later, cutoff)))
+        slowest = TUNING.clearly_moving * trial.actuators.standstill_speed  # of friction's form on the log
         other = replace(other, used=other.used & (np.abs(other.actuators.dq) > slowest))
         return trial, HeldBack(other, later.source, another_log=True)
     block = np.minimum(np.arange(len(trial.used)) * TUNING.blocks // len(trial.used), TUNING.blocks - 1)
@@ -376,13 +373,13 @@ class Case:
     def floor(self, predicted: Array) -> NoiseFloor:
         """The noise floor, as far as this prediction shows it."""
         refit = None if self.standard_refit is None else self.standard_refit.fit.residual.sigma
-        return noise_floor(self.trial, self.trial.residual(predicted), self.noise, refit, self.thresholds)
+        return noise_floor(self.trial, self.trial.residual(predicted), self.noise, refit)
 
     def unexplained(self, fitted_effects: FittedEffects, predicted: Array) -> dict[int, float]:
         """Joints (from 1) whose residual is surely above the floor on the log under a prediction, with their ratio."""
         floor, gap = self.floor(predicted), self.trial.gap(predicted)
         sure = fitted_effects.free_evidence - fitted_effects.noise_evidence > self.needed
-        above = np.flatnonzero(sure & floor.exceeded(gap, self.thresholds)).tolist()
+        above = np.flatnonzero(sure & floor.exceeded(gap)).tolist()
         return {j + 1: float(gap[j] / floor.rms[j]) for j in above}
 
     @cached_property
@@ -390,7 +387,7 @@ class Case:
         """The log by itself under all standard effects, where the model lacks some and was poor in its own log."""
         signals = self.trial.signals
         model = with_standard_terms(self.model.before_sensors, signals)
-        floor = noise_floor(self.trial, self.trial.residual(self.before), self.noise, thresholds=self.thresholds)
+        floor = noise_floor(self.trial, self.trial.residual(self.before), self.noise)
         if model is None or floor.sharp.all():
             return None
         segments = find_segments(signals, self.trial.actuators)

@@ -14,10 +14,10 @@ from bayesid.discrepancy.case import Trial
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.log.log import Log
 from bayesid.motion import Motion
 from bayesid.regression.selection.cross_validation import SHORTEST_LOG
-from bayesid.regression.selection.fitted_effects import Thresholds
 from bayesid.robot import Robot, check_joints
 
 
@@ -40,9 +40,9 @@ def check_unseen(earlier: IdentifiedModel, log: Log) -> None:
         raise InputError(problem, log.source, "give another log of this robot, of another motion or load")
 
 
-def check_same_robot(predicted: Array, trial: Trial, log: Log, thresholds: Thresholds = Thresholds()) -> None:
+def check_same_robot(predicted: Array, trial: Trial, log: Log) -> None:
     """InputError if a log has too few samples in motion, or the model explains nothing in any joint."""
-    count, least = trial.used.sum(axis=0), thresholds.min_samples
+    count, least = trial.used.sum(axis=0), IDENTIFICATION.min_samples
     if count.max() < least:
         problem = f"only {int(count.max())} samples in motion"
         raise InputError(problem, log.source, f"record at least {least} samples in which joints move")
@@ -51,7 +51,7 @@ def check_same_robot(predicted: Array, trial: Trial, log: Log, thresholds: Thres
         used = trial.used[:, j]
         measured, modelled = trial.magnitude[used, j], np.abs(predicted[used, j])
         error = float(np.sqrt(np.mean((measured - modelled) ** 2)))
-        worse.append(error > thresholds.another_robot * float(np.std(measured)))
+        worse.append(error > TUNING.another_robot * float(np.std(measured)))
     if all(worse):
         problem = "the model explains no joint's efforts better than a constant"
         raise InputError(problem, log.source, "give a log of the robot that the model was identified from")

@@ -23,6 +23,7 @@ from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets, refined
+from bayesid.regression.tuning import TUNING as REGRESSION
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Data that show an unexplained joint: residual above the floor on the log, or on held-back data; or a residual on
@@ -140,7 +141,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
     while True:
         errors, others = _ranked(sets, chosen, standard)
         others = [effect for effect in others if effect.key not in idle]
-        tried = [*chosen.effects, *others[: limits.short_list]]
+        tried = [*chosen.effects, *others[: REGRESSION.short_list]]
         regression = Regression(chosen.data, tried, errors, case.uncertain, predicting=False)
         _, found = select_forward(
             regression, needed=case.needed, most=limits.max_effects, sharpen=case.modelled.sharper, start=chosen.keys
@@ -190,7 +191,7 @@ def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
     for effect in chosen.effects:
         if len(effect.columns.joints) == 1:
             own.update({joint: len(effect.columns.sd) for joint in effect.columns.joints})
-    above = {j for j, x in enumerate(ratio.tolist()) if x > case.thresholds.above_floor}
+    above = {j for j, x in enumerate(ratio.tolist()) if x > REGRESSION.above_floor}
     several = {j for j, count in own.items() if count > TUNING.few}
     return sorted((j for j in above | several if chosen.data.sharp[j]), key=lambda j: -ratio[j])
 
@@ -205,7 +206,7 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     others = best.without(*best.in_joint(joint))
     tried = [best, *_with_some_of(sets, others, best, joint, forms)]
     best = max(tried, key=lambda one: one.log_posterior)
-    if _left(best, joint) > sets.case.thresholds.above_blunt_floor**2:
+    if _left(best, joint) > REGRESSION.above_blunt_floor**2:
         linear = [form for form in forms if form.source.linear]
         distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
         alone = [sets.settled([*others, one], best.data, {joint}, one) for one in distortions]
@@ -371,13 +372,13 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
 # ---------------------------------------------------------------------------------------------------------------
 def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     """The set without effects of unexplained joints, unless they explain most of the excess."""
-    case, limits = sets.case, sets.case.thresholds
+    case = sets.case
     for joint in case.unexplained(chosen.fitted_effects, chosen.predicted):
         of_joint = chosen.in_joint(joint - 1)
         others = sets.settled(chosen.without(*of_joint), chosen.data, ())
         before, after = (
             case.cross_validation.trial.rms(one.cross_validation)[joint - 1] ** 2 for one in (others, chosen)
         )
-        if of_joint and before - after < limits.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
+        if of_joint and before - after < TUNING.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
             chosen = others
     return chosen

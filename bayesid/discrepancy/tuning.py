@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Tuning:
     """Choices of this package; `TUNING` holds those in use.
 
-    Thresholds of the selection are options (`bayesid.types.Thresholds`).
+    Thresholds for adding effects are options (`bayesid.types.Thresholds`).
     `python -m bayesid.studies.ablation discrepancy` halves and doubles these numbers.
     """
 
@@ -104,6 +104,28 @@ class Tuning:
     """Probability that any parameter is reported as moved by chance."""
     scatter: float = 1.3
     """Median change over its standard deviation above which there is a warning; as for separate runs."""
+
+    # Noise floor and thresholds, from the blind cases of `bayesid study discrepancy`
+    another_robot: float = 1.05
+    """RMS error of the predicted |effort| over the sd of the measured one. If all joints exceed it, the model belongs
+    to another robot; a constant reaches 1."""
+    clearly_moving: float = 2.5
+    """Speed in units of standstill (1 % of the highest speed) above which a sample counts; at 2.5 friction's smoothed
+    direction tanh(u' / standstill) reaches 99 %."""
+    good_fit: float = 0.2
+    """Relative residual of the earlier model below which it is the noise floor."""
+    white_growth: float = 1.5
+    """Largest ratio of white noise to the earlier log's; more is a finding."""
+    repeated_white: float = 0.3
+    """Least share of white noise in the residual of repeated periods."""
+    white_limit: float = 1.1
+    """Largest ratio of a fitted white part to the floor's that is noise, for sampling error."""
+    coloured_limit: float = 1.25
+    """Largest ratio of a fitted coloured part to the floor's that is noise; it has fewer independent samples."""
+    coloured_allowance: float = 0.1
+    """Coloured over white part that is always noise: the fit's resolution."""
+    explained_share: float = 0.75
+    """Least share of an unexplained joint's excess that its effects must explain to be kept."""
 
 
 TUNING = Tuning()

@@ -93,7 +93,7 @@ def _left(state: EffectSet) -> list[int]:
         case.trial.gap(predicted),
         case.unexplained(state.fitted_effects, predicted),
     )
-    cross_validation = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
+    cross_validation = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms)
     ratio = np.maximum(gap, unseen.rms) / floor.rms
     return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (j + 1 in on_log or cross_validation[j])]
 
@@ -125,7 +125,7 @@ def _explains_most(before: EffectSet, after: EffectSet, joint: int) -> bool:
     """
     without, rest = (one.cross_validation_errors.rms[joint - 1] ** 2 for one in (before, after))
     excess = without - before.data.floor[joint - 1] ** 2
-    return bool(without - rest >= before.case.thresholds.explained_share * excess)
+    return bool(without - rest >= TUNING.explained_share * excess)
 
 
 def _finder(state: EffectSet, joint: int) -> Finder:

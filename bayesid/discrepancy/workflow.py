@@ -158,14 +158,14 @@ def explain_log(
     check_log(model.robot, log)
     for unseen in (log, *([] if later is None else [later])):
         check_unseen(known, unseen)
-    trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))
+    trial = shortened(make_trial(model, prepare(log, cutoff)))
     if later is not None:
         check_holdout(model.robot, log, later)
-    selecting, cross_validation = divide(model, log, later, trial, cutoff, thresholds)
+    selecting, cross_validation = divide(model, log, later, trial, cutoff)
     coefficients = base_coefficients(model)
     case = Case(earlier.knowledge, coefficients, earlier.noise, selecting, cross_validation, search, thresholds)
     check_columns(partial(model.effort, theta=earlier.knowledge.theta), selecting, log)
-    check_same_robot(case.before, selecting, log, thresholds)
+    check_same_robot(case.before, selecting, log)
     selection = select_effects(case, progress)
     extension = case.modelled.extended(selection.chosen.fitted_effects)
     again = identify_again(
@@ -227,7 +227,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor, on_log = case.floor(predicted), case.unexplained(selection.chosen.fitted_effects, predicted)
-    ratios, says = _unexplained_anywhere(on_log, before, after, floor, case.thresholds)
+    ratios, says = _unexplained_anywhere(on_log, before, after, floor)
     added = with_numbers(case, selection, again, body)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
@@ -262,17 +262,13 @@ def _status(found: bool, left: bool) -> str:
 
 
 def _unexplained_anywhere(
-    on_log: Mapping[int, float],
-    before: CrossValidation,
-    after: CrossValidation,
-    floor: NoiseFloor,
-    thresholds: Thresholds,
+    on_log: Mapping[int, float], before: CrossValidation, after: CrossValidation, floor: NoiseFloor
 ) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
     """Unexplained joints (from 1) with the ratio of their residual to the floor, and the data that show it.
 
     `before` and `after` are the errors of the earlier and the extended model on held-back data.
     """
-    above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
+    above = floor.exceeded(after.rms) & after.surely_above(floor.rms)
     said = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
     joints = sorted(set().union(*said.values()))
     ratios = tuple((j, on_log.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
@@ -298,7 +294,7 @@ def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[Cros
 def _where(case: Case, fitted_effects: FittedEffects, floor: NoiseFloor) -> list[Excess]:
     """Where the residual of the adapted earlier model exceeds the floor."""
     predicted, trial = case.modelled.effort(fitted_effects), case.trial
-    above = np.flatnonzero(floor.exceeded(trial.gap(predicted), case.thresholds)).tolist()
+    above = np.flatnonzero(floor.exceeded(trial.gap(predicted))).tolist()
     return where_it_shows(trial, trial.residual(predicted), predicted, floor.rms, above)
 
 
@@ -311,7 +307,7 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     blunt = np.flatnonzero(~floor.sharp).tolist()
     if blunt:
         joints = ", ".join(str(j + 1) for j in blunt)
-        share = f"in its own log the model's residual was above {case.thresholds.good_fit:.0%} in joint {joints}"
+        share = f"in its own log the model's residual was above {TUNING.good_fit:.0%} in joint {joints}"
         warnings.append(f"{share}: the noise floor there is taken from this log ({floor.origin[blunt[0]]})")
     if stopped:
         tried = f"the search for sets of effects stopped after {TUNING.most_sets} sets"

@@ -41,7 +41,6 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress, Show
-from bayesid.regression.selection.fitted_effects import Thresholds
 from bayesid.robot import check_joints
 from bayesid.robot.inertia import about_centre_of_mass
 from bayesid.signs.search.protocol import Search
@@ -383,7 +382,7 @@ def _check_shown(again: Identification) -> None:
     log, effort = again.log.source, again.signals.magnitude
     moving = again.segments.per_sample(again.segments.moving, *effort.shape) > 0
     count = moving.sum(axis=0)
-    least = Thresholds().min_samples
+    least = TUNING.min_samples
     if count.max() < least:
         said = f"only {int(count.max())} samples in motion"
         raise InputError(said, log, f"record at least {least} samples in which joints move")

@@ -156,6 +156,8 @@ class Tuning:
     """Relative gap of the solver above which there is a warning: 100 times the first tolerance."""
     shown_doubt: float = 0.01
     """Probability from which a joint is named: smaller ones do not show in two digits."""
+    min_samples: int = 200
+    """Least number of samples in motion in at least one joint, of a payload's or a discrepancy's log."""
 
 
 TUNING = Tuning()

@@ -14,7 +14,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.tuning import TUNING
 from bayesid.regression.knowledge import CoefficientPrior, scale_of
 from bayesid.regression.noise import Noise
-from bayesid.regression.selection.fitted_effects import Thresholds
+from bayesid.regression.tuning import TUNING as REGRESSION
 
 _NO_INFORMATION = 1e-9
 """Eigenvalue of a precision with a diagonal of 1 that is rounding error."""
@@ -24,7 +24,7 @@ _NO_INFORMATION = 1e-9
 class UnchangedCheck:
     """Residuals of n joints in a later log, and shift of the known coefficients."""
 
-    MOST_RESIDUAL: ClassVar[float] = Thresholds().above_blunt_floor
+    MOST_RESIDUAL: ClassVar[float] = REGRESSION.above_blunt_floor
     """Residual over the earlier noise above which a joint has changed, as in `find_discrepancy`. Its rate of false
     alarms on real robots is unknown; docs/how-to/read-a-payload.md shows results for one robot."""
     FALSE_ALARM: ClassVar[float] = TUNING.unchanged_false_alarm

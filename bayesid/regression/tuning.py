@@ -265,5 +265,19 @@ class Tuning:
     law_columns: int = 4
     """Largest number of columns of a form whose amplitudes stay free in the model, such as a product of two sines."""
 
+    # Effects of a log beside a model, from the blind cases of `bayesid study discrepancy`
+    above_floor: float = 1.25
+    """Residual over the noise floor above which a joint is unexplained."""
+    above_blunt_floor: float = 1.6
+    """The same over an incomplete floor, which lacks slow noise; real friction had to be explained too."""
+    at_blunt_floor: float = 1.15
+    """Residual over an incomplete floor below which only standard effects are searched."""
+    improvement_of_rest: float = 0.1
+    """Needed fall of a joint's mean squared residual, as a share of the residual, beside `Thresholds.improvement`."""
+    testable: float = 2.0
+    """Expected log10 of the Bayes factor at a usual amplitude above which an effect is testable."""
+    close_looks: int = 10
+    """Effects that get their own error models when all are scored; trades time."""
+
 
 TUNING = Tuning()

@@ -15,6 +15,7 @@ from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Obs
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.regression.selection.regression import explain
 from bayesid.regression.selection.scores import Score, assess, plain_first
+from bayesid.regression.tuning import TUNING
 
 Quantity = tuple[float, float, str]
 """Value, standard deviation (NaN where none is known) and unit."""
@@ -139,7 +140,7 @@ def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds 
         effect: {()} if form.acts_on != "joint" else single for effect, form in main_forms().items() if not form.frees
     }
     untried = {(effect, joints) for effect, where in places.items() for joints in where} - set(tried)
-    testable, needed = thresholds.testable * LN10, thresholds.log10_bayes_factor * LN10
+    testable, needed = TUNING.testable * LN10, thresholds.log10_bayes_factor * LN10
     invisible = {key for key, score in tried.items() if score.expected_gain < testable and score.gain < needed}
     return sorted(untried | invisible)
 
@@ -197,8 +198,8 @@ def preexisting(without: FittedEffects, library: Library) -> frozenset[EffectKey
     The floor includes the earlier model's residual on its own log, and with it an old error. A new error adds to it,
     most in the joint where it is largest. `without` is the fit by the model alone.
     """
-    data, limits = without.data, without.data.thresholds
-    most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
+    data = without.data
+    most = np.where(data.sharp, TUNING.above_floor, TUNING.above_blunt_floor)
     above = without.mean_square > most**2
     return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
 

@@ -21,38 +21,17 @@ LN10 = float(np.log(10.0))
 class Thresholds:
     """Thresholds of the discrepancy workflow.
 
-    All values come from the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7). Those of an
-    incomplete noise floor had to explain real friction too (`bayesid study real_discrepancy`). All are ratios, shares,
-    counts, or log10 of Bayes factors.
+    All values come from the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7).
 
     Attributes:
-        min_samples: least number of samples in motion in at least one joint.
-        another_robot: RMS error of the predicted |effort| over the sd of the measured one. If all joints exceed it, the
-            model belongs to another robot; a constant reaches 1.
-        clearly_moving: speed in units of standstill (1 % of the highest speed) above which a sample counts; at 2.5
-            friction's smoothed direction tanh(u' / standstill) reaches 99 %.
-        good_fit: relative residual of the earlier model below which it is the noise floor.
-        white_growth: largest ratio of white noise to the earlier log's; more is a finding.
-        repeated_white: least share of white noise in the residual of repeated periods.
-        white_limit: largest ratio of a fitted white part to the floor's that is noise, for sampling error.
-        coloured_limit: the same for the coloured part, which has fewer independent samples.
-        coloured_allowance: coloured over white part that is always noise: the fit's resolution.
-        above_floor: residual over the noise floor above which a joint is unexplained.
-        above_blunt_floor: the same over an incomplete floor, which lacks slow noise.
-        at_blunt_floor: residual over an incomplete floor below which only standard effects are searched.
         log10_bayes_factor: needed to add an effect; 2 is "decisive" (Jeffreys 1961, appendix B).
         improvement: needed fall of a joint's mean squared residual too, in units of the noise floor's.
-        improvement_of_rest: the same as a share of the residual.
         equivalent: log10 of the Bayes factor below which two effects are equivalent; "strong" begins at 1 (ib.).
-        testable: expected log10 of the Bayes factor at a usual amplitude above which an effect is testable.
         nothing_missing: prior probability that nothing is missing; one half by convention.
         something_else: prior probability of an effect outside of the catalogue; the catalogue shares the rest.
         max_effects: largest number of added effects; ends a loop that does not converge.
-        short_list: effects in one selection, in their best forms.
-        close_looks: effects that get their own error models when all are scored; trades time.
         held_back_improvement: share of a joint's squared errors on held-back data by which a set of effects must
             predict better than a smaller set.
-        explained_share: least share of an unexplained joint's excess that its effects must explain to be kept.
 
     Example:
         >>> strict = bayesid.types.Thresholds(log10_bayes_factor=4.0)  # for bayesid.find_discrepancy
@@ -60,30 +39,13 @@ class Thresholds:
         (4.0, 40)
     """
 
-    min_samples: int = 200
-    another_robot: float = 1.05
-    clearly_moving: float = 2.5
-    good_fit: float = 0.2
-    white_growth: float = 1.5
-    repeated_white: float = 0.3
-    white_limit: float = 1.1
-    coloured_limit: float = 1.25
-    coloured_allowance: float = 0.1
-    above_floor: float = 1.25
-    above_blunt_floor: float = 1.6
-    at_blunt_floor: float = 1.15
     log10_bayes_factor: float = 2.0
     improvement: float = 0.05
-    improvement_of_rest: float = 0.1
     equivalent: float = 1.0
-    testable: float = 2.0
     nothing_missing: float = 0.5
     something_else: float = 0.1
     max_effects: int = 40
-    short_list: int = 60
-    close_looks: int = 10
     held_back_improvement: float = 0.025
-    explained_share: float = 0.75
 
 
 @dataclass(frozen=True)

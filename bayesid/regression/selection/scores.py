@@ -64,7 +64,7 @@ class Score:
 
 def assess(fitted_effects: FittedEffects, library: Library) -> list[Score]:
     """Every effect of the library in its best form on top of a fit, best first; the best ones with refitted errors."""
-    count = fitted_effects.data.thresholds.close_looks
+    count = TUNING.close_looks
     ordered = best_forms(Regression.of(fitted_effects), library)
     closer = [_closer(fitted_effects, score) for score in ordered[:count]]
     return sorted(closer, key=lambda score: -score.gain) + ordered[count:]
@@ -160,7 +160,7 @@ def _closer(fitted_effects: FittedEffects, score: Score) -> Score:
 
 def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
     """(n,) relative fall of the mean squared residual, without parts that are small against the floor or the rest."""
-    return (before - after) / np.maximum(1.0, thresholds.improvement_of_rest / thresholds.improvement * before)
+    return (before - after) / np.maximum(1.0, TUNING.improvement_of_rest / thresholds.improvement * before)
 
 
 def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
@@ -194,7 +194,7 @@ def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
 
 def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
     """(n,) whether a joint's mean squared residual, in units of the floor's, reaches an incomplete floor."""
-    return ~data.sharp & (mean_square <= data.thresholds.at_blunt_floor**2)
+    return ~data.sharp & (mean_square <= TUNING.at_blunt_floor**2)
 
 
 def joint_sets(
