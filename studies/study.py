@@ -20,7 +20,7 @@ from bayesid.errors import InputError
 from bayesid.files.writing import check_place, replace_file
 from bayesid.parallel import ALONE
 from bayesid.studies.record import KEY, TIMINGS, MisfitError, Record, Row, read_rows
-from bayesid.study.runner import LostSchedulerError, Outcome, Tally, no_tally, run
+from bayesid.study.runner import LostSchedulerError, Outcome, run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +29,8 @@ Scenario = Any
 """A frozen dataclass whose fields are numbers, texts, or tuples of these: they become columns."""
 Plan = Callable[[int, int], Sequence[tuple[Scenario, int]]]
 """From a number of trials and a first seed to so many scenarios and seeds."""
+Tally = Callable[[int, int, int], None]
+"""Called as tally(done, total, failed) after every batch."""
 SEED, ERROR, DIED = "seed", "error", "worker_died"
 """Columns of every row."""
 _LARGEST_SEED = 2**62
@@ -119,7 +121,7 @@ def run_study(
     scheduler: str | None = None,
     out: str | Path | None = None,
     resume: bool = False,
-    progress: Tally = no_tally,
+    progress: Tally = lambda done, total, failed: None,
 ) -> Finished:
     """Runs a study, or the rest of it.
 

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from bayesid.cli.bars import counts, stages
+from bayesid.cli.bars import stages
 from bayesid.cli.options import (
     check_new,
     check_taken,
@@ -136,9 +136,9 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
     folder = options.out or _usual_folder(options, logs, "bayesid-each")
     check_taken(options, folder)
     robot = robot_of(options, of_log=True)
-    with counts(options, "logs") as show:
+    with stages(options) as progress:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
-        settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": show}
+        settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": progress}
         separate = identify_each(robot, [one.path for one in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
     refused = all(result.bad_input for result in failed)

@@ -42,7 +42,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
-from bayesid.regression.knowledge import ParameterPrior
+from bayesid.regression.knowledge import ParameterPrior, nominal_parameters
 from bayesid.regression.normal_equations import NormalEquations
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
@@ -266,7 +266,7 @@ def expect(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
     drawn = np.array([random_parameters(model, rng=rng) for _ in range(TUNING.sized)])
     size = np.sqrt(np.mean(coefficients.project(drawn) ** 2, axis=0))
-    stated = prior.of(model.parameters).mean
+    stated = nominal_parameters(prior, model.parameters).mean
     return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
 
 

@@ -15,7 +15,7 @@ from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.posterior.target import usual_links
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import LinkPrior, ParameterPrior
+from bayesid.regression.knowledge import LinkPrior, ParameterPrior, link_prior, nominal_parameters
 from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise
 from bayesid.regression.normal_equations import NormalEquations
@@ -172,7 +172,8 @@ class UnknownGains:
     def _fit(self, prior: GainPrior, log_data: LogData, noise: Noise, probability: Array) -> GainFit:
         normal_equations = signed_moments(log_data, 2.0 * probability - 1.0)
         stated = self._of_parameters
-        links, nominal = links_of(stated, log_data, normal_equations), stated.of(log_data.model.parameters)
+        links = links_of(stated, log_data, normal_equations)
+        nominal = nominal_parameters(stated, log_data.model.parameters)
         return fit_gains(log_data, normal_equations, noise, prior, links, nominal)
 
     def _keep(self, fit: GainFit, log_data: LogData, noise: Noise) -> None:
@@ -204,10 +205,11 @@ class UnknownGains:
 def links_of(prior: ParameterPrior, log_data: LogData, normal_equations: NormalEquations) -> LinkPrior:
     """Prior of any link: its mass and size as stated, else as usual for this robot and log."""
     if prior.link_mass is not None and prior.link_reach is not None:
-        return prior.links(LinkPrior())
+        return link_prior(prior, LinkPrior())
     model, motion = log_data.model, log_data.signals.motion
-    return prior.links(
-        usual_links(model.robot, motion, log_data.coefficients, model.cone, normal_equations, reach=prior.link_reach)
+    return link_prior(
+        prior,
+        usual_links(model.robot, motion, log_data.coefficients, model.cone, normal_equations, reach=prior.link_reach),
     )
 
 

@@ -24,7 +24,7 @@ from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.tuning import TUNING as POSTERIOR
-from bayesid.regression.knowledge import ParameterPrior
+from bayesid.regression.knowledge import ParameterPrior, nominal_values
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.prices import ConstraintPrice
 from bayesid.signs.model_selection import ModelSelection
@@ -251,7 +251,7 @@ class Identification(IdentifiedModel):
     @property
     def nominal_beta(self) -> Array:
         """(r,) coefficients computed from stated parameters; NaN if one of these is missing."""
-        stated = {name: mean for name, (mean, _) in self.prior.stated.items()}
+        stated = {name: mean for name, (mean, _) in nominal_values(self.prior).items()}
         if not stated:
             return np.full(len(self.coefficients), np.nan)
         nominal = np.array([stated.get(parameter.name, np.nan) for parameter in self.model.parameters])

@@ -48,7 +48,7 @@ from bayesid.posterior.inference import Posterior, with_gains
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.constraint_file import read_constraints
-from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior
+from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior, kinematic_tolerance, nominal_parameters
 from bayesid.regression.log_data import LogData
 from bayesid.regression.prices import constraint_prices
 from bayesid.regression.stated import Says, constraints_of
@@ -144,7 +144,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         signals, segments = _cut(run, model, gains.log)
     completing = None
     if complete != "off":
-        completing = Completing(complete == "auto", prior.kinematics, preprocessing.segmentation)
+        completing = Completing(complete == "auto", kinematic_tolerance(prior), preprocessing.segmentation)
     plain = True
     while True:  # until gains and signs converge, first with the given terms, then with the completed model
         search = run.budget()  # each change of gains needs a new proof
@@ -255,7 +255,7 @@ def identify_again(
     shown = as_read if signals.after_rectifier is None else signals
     if knowledge is None:
         averaged = AveragedSigns.alone(replace(asked, log_data=replace(asked.log_data, information=None)))
-        completing = Completing(False, run.prior.kinematics, preprocessing.segmentation)
+        completing = Completing(False, kinematic_tolerance(run.prior), preprocessing.segmentation)
         completed = complete_model(averaged, segments, run.budget(), completing, progress)
         averaged, signals, model_selection = completed.averaged, completed.signals, completed.model_selection
         run.lap("complete")
@@ -362,7 +362,7 @@ def _prepared(
             model = replace(model, constraints=constraints_of(says, model))
         segments = find_segments(signals, robot.actuators(signals.motion), run.preprocessing.segmentation)
         _check_amount(signals, segments, base_coefficients(model), log)
-        run.prior.of(model.parameters)
+        nominal_parameters(run.prior, model.parameters)
     run.lap("prepare")
     return log, model, signals, segments
 
@@ -474,7 +474,13 @@ def _identification(
         timings=run.laps,
         warnings=(
             *warnings_of(
-                log, averaged, model_error_probability, posterior, reading, known, run.prior.of(asked.model.parameters)
+                log,
+                averaged,
+                model_error_probability,
+                posterior,
+                reading,
+                known,
+                nominal_parameters(run.prior, asked.model.parameters),
             ),
             *map(str, contradicted_constraints(prices)),
         ),

@@ -20,7 +20,7 @@ from bayesid.posterior.target import PosteriorProblem
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import Progress
 from bayesid.regression.gains import GainFit
-from bayesid.regression.knowledge import ParameterPrior, of_base
+from bayesid.regression.knowledge import ParameterPrior, nominal_parameters, of_base
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.log_data import LogData
 from bayesid.signs.averaging import AveragedSigns
@@ -48,7 +48,7 @@ def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, p
         cone=log_data.model.cone,
         noise=fit.noise,
         links=links_of(prior, log_data, normal_equations),
-        nominal=prior.of(log_data.model.parameters),
+        nominal=nominal_parameters(prior, log_data.model.parameters),
         information=log_data.information,
     )
     posterior = infer(problem, search, sampling, progress)

@@ -246,48 +246,47 @@ class ParameterPrior:
     def __post_init__(self) -> None:
         if isinstance(self.nominal, str | Path):
             object.__setattr__(self, "nominal", read_nominal(self.nominal))
-        self.links(LinkPrior())
-        _tolerance(self.length_sd, self.angle_sd)  # both check their values
-
-    def links(self, usual: LinkPrior) -> LinkPrior:
-        """Scales of any link: the stated ones, `usual` for the others."""
-        mass, reach = self.link_mass, self.link_reach
-        return LinkPrior(usual.mass if mass is None else mass, usual.reach if reach is None else reach)
-
-    @property
-    def kinematics(self) -> KinematicTolerance:
-        """Tolerance of the geometry."""
-        return _tolerance(self.length_sd, self.angle_sd)
-
-    @property
-    def stated(self) -> Mapping[str, tuple[float, float]]:
-        """Name to mean and standard deviation of single parameters."""
-        assert not isinstance(self.nominal, str | Path)
-        return self.nominal
-
-    def of(self, parameters: Sequence[Parameter]) -> NominalParameters:
-        """Stated means and standard deviations, in the order of a model's parameters.
-
-        Raises:
-            InputError: the model has no such parameter, or a value cannot be used.
-        """
-        places = {parameter.name: k for k, parameter in enumerate(parameters)}
-        mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
-        for name, stated in self.stated.items():
-            if name not in places:
-                raise InputError(f"the model has no parameter {name!r}", field="ParameterPrior.nominal", remedy=_REMEDY)
-            value, spread = _pair(name, stated)
-            if not (abs(value) <= LARGEST and 1.0 / LARGEST**2 <= spread <= LARGEST**2):
-                raise InputError(
-                    f"{name} = {value:g} +- {spread:g} cannot be used", field="ParameterPrior.nominal", remedy=_REMEDY
-                )
-            mean[places[name]], sd[places[name]] = value, spread
-        return NominalParameters(mean, sd)
+        link_prior(self, LinkPrior())
+        kinematic_tolerance(self)  # both check their values
 
 
-def _tolerance(length: float | None, angle: float | None) -> KinematicTolerance:
-    given = {name: value for name, value in (("length", length), ("angle", angle)) if value is not None}
+def link_prior(prior: ParameterPrior, usual: LinkPrior) -> LinkPrior:
+    """Scales of any link: the stated ones, `usual` for the others."""
+    mass, reach = prior.link_mass, prior.link_reach
+    return LinkPrior(usual.mass if mass is None else mass, usual.reach if reach is None else reach)
+
+
+def kinematic_tolerance(prior: ParameterPrior) -> KinematicTolerance:
+    """Tolerance of the geometry."""
+    stated = {"length": prior.length_sd, "angle": prior.angle_sd}
+    given = {name: value for name, value in stated.items() if value is not None}
     return KinematicTolerance(**given, stated=bool(given))
+
+
+def nominal_values(prior: ParameterPrior) -> Mapping[str, tuple[float, float]]:
+    """Name to mean and standard deviation of single parameters."""
+    assert not isinstance(prior.nominal, str | Path)
+    return prior.nominal
+
+
+def nominal_parameters(prior: ParameterPrior, parameters: Sequence[Parameter]) -> NominalParameters:
+    """Stated means and standard deviations, in the order of a model's parameters.
+
+    Raises:
+        InputError: the model has no such parameter, or a value cannot be used.
+    """
+    places = {parameter.name: k for k, parameter in enumerate(parameters)}
+    mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
+    for name, stated in nominal_values(prior).items():
+        if name not in places:
+            raise InputError(f"the model has no parameter {name!r}", field="ParameterPrior.nominal", remedy=_REMEDY)
+        value, spread = _pair(name, stated)
+        if not (abs(value) <= LARGEST and 1.0 / LARGEST**2 <= spread <= LARGEST**2):
+            raise InputError(
+                f"{name} = {value:g} +- {spread:g} cannot be used", field="ParameterPrior.nominal", remedy=_REMEDY
+            )
+        mean[places[name]], sd[places[name]] = value, spread
+    return NominalParameters(mean, sd)
 
 
 def _pair(name: str, stated: object) -> tuple[float, float]:

@@ -150,7 +150,7 @@ class ReportData:
     folder: str = field(default="", compare=False)  #: result folder; empty without one
 
     def __repr__(self) -> str:
-        drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
+        drawn = "no draws" if self.draws is None else f"draws of {self._n_ensembles} ensembles"
         other = "no validation" if self.prediction is None else f"validated on {self.prediction.source}"
         size = f"{len(self.samples.t)} samples, {len(self.segments.joint)} segments, {len(self.coefficients.name)}"
         return f"ReportData of {self.summary.robot}: {size} coefficients, {drawn}, {other}"
@@ -169,7 +169,7 @@ class ReportData:
         return largest / np.maximum(effort.max(axis=0), TINY)[table.joint]
 
     @property
-    def n_ensembles(self) -> int:
+    def _n_ensembles(self) -> int:
         """E, that were sampled; 0 without draws."""
         return 0 if self.draws is None else len(self.draws)
 

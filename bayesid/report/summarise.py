@@ -13,6 +13,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.payload import Estimate, InertialParameters, common_factor
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
+from bayesid.regression.knowledge import nominal_values
 from bayesid.regression.selection.detected import EnteredEffect
 from bayesid.report.summary import (
     AmbiguousSegment,
@@ -123,7 +124,8 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
     for term in model.terms:
         stop = first + len(term.parameters(model.robot))
         if term.payloads:
-            stated = model.parameters[stop - 1].name in identification.prior.stated  # its mass, the last of ten
+            mass = model.parameters[stop - 1].name  # the last of ten
+            stated = mass in nominal_values(identification.prior)
             body = InertialParameters.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
             axes = {"com": body.centre, "inertia": body.inertia}
             numbers = {name: [_estimate(one) for one in ones or ()] for name, ones in axes.items()}

@@ -25,15 +25,9 @@ from typing import Any, Self
 from bayesid.errors import BayesidError, InputError
 from bayesid.parallel import WorkerPool, one_blas_thread
 
-Tally = Callable[[int, int, int], None]
-"""Called as tally(done, total, failed) after every batch."""
 _START = "start one with `dask scheduler` and workers with `dask worker tcp://HOST:8786 --nworkers -1 --nthreads 1`"
 _LOST = "the scheduler does not answer any more"
 _one_at_a_time = threading.Lock()
-
-
-def no_tally(_done: int, _total: int, _failed: int) -> None:
-    """Says nothing."""
 
 
 class LostSchedulerError(BayesidError, RuntimeError):

@@ -20,6 +20,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream
 from bayesid.log.reading import read_log
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.report.findings import report_data
 from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification
 from bayesid.report.grading import worst
@@ -28,7 +29,7 @@ from bayesid.report.verdicts import check_findings
 from bayesid.robot import Robot, load_robot
 from bayesid.study.agreement import Agreement, agreement
 from bayesid.study.agreement import rows as agreement_rows
-from bayesid.study.runner import Outcome, Tally, no_tally, run
+from bayesid.study.runner import Outcome, run
 
 RUNS, AGREEMENT = "runs.csv", "agreement.csv"
 """Files beside the results' folders."""
@@ -71,7 +72,7 @@ def identify_each(
     workers: int | None = None,
     scheduler: str | None = None,
     report: bool = True,
-    progress: Tally = no_tally,
+    progress: Progress | Show = SILENT,
     **options: Any,
 ) -> BatchResult:
     """Identifies a robot from each log by itself; results stand in a folder for each, named like its log.
@@ -84,7 +85,7 @@ def identify_each(
         workers: processes on this machine; one a core by default, 0 for none but this one.
         scheduler: address of a Dask scheduler, whose workers are used instead; they must see the same files.
         report: whether each folder gets its report.html.
-        progress: called after every batch.
+        progress: called as progress("logs", done, total) at the start and after every batch.
         options: of `bayesid.identify`.
 
     Raises:
@@ -105,12 +106,14 @@ def identify_each(
     jobs = [(log.absolute(), folder.absolute()) for log, folder in zip(paths, folders, strict=True)]
     work = partial(_identify, robot=robot, reading=reading or {}, options=options, report=report)
     done: dict[int, Run] = {}
+    show = Progress.of(progress).show
+    show("logs", 0, len(jobs))
     try:
         with closing(run(work, jobs, workers, scheduler)) as batches:
             for batch in batches:
                 found = {result.index: _run(paths[result.index], folders[result.index], result) for result in batch}
                 done.update(found)
-                progress(len(done), len(jobs), sum(bool(result.error) for result in done.values()))
+                show("logs", len(done), len(jobs))
     except KeyboardInterrupt:
         saved = sum(not result.error for result in done.values())
         kept = f"{saved} of {len(jobs)} results stand in {place}" if saved else "nothing was written"

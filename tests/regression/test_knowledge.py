@@ -9,7 +9,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior, of_base, read_nominal
+from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior, nominal_parameters, of_base, read_nominal
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -179,7 +179,7 @@ def test_a_file_that_holds_something_else_or_cannot_be_read_is_refused(tmp_path)
 
 def test_known_parameters_stand_in_the_models_order(model):
     stated = {"Fv2": (0.5, 0.1), "m1": (2.0, 0.3), "mc1y": (-0.4, 0.2)}
-    nominal = ParameterPrior(nominal=stated).of(model.parameters)
+    nominal = nominal_parameters(ParameterPrior(nominal=stated), model.parameters)
     names = [parameter.name for parameter in model.parameters]
     known = {names[k]: (nominal.mean[k], nominal.sd[k]) for k in np.flatnonzero(np.isfinite(nominal.mean))}
     assert known == stated
@@ -191,7 +191,7 @@ def test_values_that_cannot_be_used_are_refused(model):
     wrong = ((1.0, 0.0), (1.0, -0.1), (np.nan, 0.1), (1.0, np.nan), (np.inf, 0.1), (1.0, np.inf))
     for name, value in (("m3", (1.0, 0.1)), ("", (1.0, 0.1)), *(("m2", value) for value in wrong)):
         with pytest.raises(InputError) as refusal:
-            ParameterPrior(nominal={"m1": (2.0, 0.1), name: value}).of(model.parameters)
+            nominal_parameters(ParameterPrior(nominal={"m1": (2.0, 0.1), name: value}), model.parameters)
         assert name in refusal.value.what
         assert "\n" not in str(refusal.value)
 

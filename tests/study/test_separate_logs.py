@@ -76,7 +76,10 @@ def test_workers_give_the_same_and_a_table_of_the_robot_will_do(week, separate, 
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     logs = [week / "mon.csv", week / "tue.csv"]
-    by_workers = identify_each(robot, logs, tmp_path / "out", workers=2, **OPTIONS)
+    told = []
+    options = OPTIONS | {"progress": lambda *call: told.append(call)}
+    by_workers = identify_each(robot, logs, tmp_path / "out", workers=2, **options)
+    assert (told[0], told[-1]) == (("logs", 0, 2), ("logs", 2, 2))
     for here, there in zip(separate[1].runs, by_workers.runs, strict=False):
         assert not there.error
         assert [row["mean"] for row in here.coefficients] == [row["mean"] for row in there.coefficients]
