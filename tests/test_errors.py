@@ -69,6 +69,6 @@ def test_a_nominal_value_without_its_sd_is_refused(log, stated):
 
 def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
     log.save(tmp_path / "log.csv")
-    assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("`gains`: 14.0 is no list")
-    assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("`joints`: 7 is no list")
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("`gains`: 14.0 is not a list")
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("`joints`: 7 is not a list")
     assert "joints=[7]" in refusal(bayesid.plot.drawing.chosen_joints, 7, 7)

@@ -163,8 +163,8 @@ class Identification(IdentifiedModel):
         if self.log.signed.all():
             return "all known"
         proof = "proven: no other assignment costs less" if self.search.certified else "not proven"
-        count = len(self.recorded_segments[0])
-        return f"{count} segments, {proof}; {self.sure_share:.1%} of |effort| has a sign of probability >= {SURE:.0%}"
+        count, sure = len(self.recorded_segments[0]), self.sure_shares.mean()
+        return f"{count} segments, {proof}; {sure:.1%} of |effort| has a sign of probability >= {SURE:.0%}"
 
     @property
     def _about_posterior(self) -> str:
@@ -284,11 +284,6 @@ class Identification(IdentifiedModel):
     def n_known(self) -> int:
         """Number of coefficients with an sd below a tenth of their value."""
         return int((self.sd < KNOWN * np.abs(self.beta)).sum())
-
-    @property
-    def sure_share(self) -> float:
-        """Mean over joints of `sure_shares`."""
-        return float(np.mean(self.sure_shares))
 
     @property
     def sure_shares(self) -> Array:

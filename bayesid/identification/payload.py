@@ -172,8 +172,6 @@ class PayloadEstimate:
     Attributes:
         body: mass, centre of mass and inertia, in the frame of the last link.
         check: whether anything but the payload has changed since the earlier log.
-        evidence: chi-square of the payload against none, ten degrees of freedom: the squared length of the estimate,
-            by which the minimum of a quadratic form over a cone is below its value at the tip (Moreau 1962).
         gain_factor: factor that corrects the efforts, from a known mass; None without one or without a payload.
         known_mass: kg, with its sd; None if not given.
         identification: identification of the model with the payload.
@@ -191,7 +189,6 @@ class PayloadEstimate:
 
     body: InertialParameters
     check: UnchangedCheck
-    evidence: float
     gain_factor: Estimate | None
     known_mass: tuple[float, float] | None
     identification: Identification
@@ -304,12 +301,12 @@ def identify_payload(
     )
     draws = _body_draws(again)
     of_payload = again.coefficients.selected >= len(again.model.before_sensors.parameters) - 10
-    evidence, _ = chi_square_of(again.fit.information, again.fit.beta, of_payload)
-    shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
+    # the minimum of a quadratic form over a cone is below its value at the tip by the estimate's length (Moreau 1962)
+    squared_length, _ = chi_square_of(again.fit.information, again.fit.beta, of_payload)
+    shown = squared_length > float(chdtri(10, TUNING.payload_false_alarm))
     return PayloadEstimate(
         body=InertialParameters.of_draws(draws, shown, factor_sd),
         check=check_unchanged(known.knowledge, known.noise, again),
-        evidence=evidence,
         gain_factor=gain_factor(evenly_sized(draws)[:, 9], *stated) if stated is not None and shown else None,
         known_mass=stated,
         identification=again,
