@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]
 Labels = NDArray[np.str_]
 
 TINY = 1e-300
-"""In place of zero where something is divided by it or its logarithm taken: near the least number of a double."""
+"""Replaces zero in divisions and logarithms; near the smallest double."""
 
 
 def some(mask: Mask) -> bool:
@@ -29,8 +29,8 @@ def every(mask: Mask) -> bool:
 def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
     """A read-only float64 copy of `values`, or `values` if they are one.
 
-    ValueError, by the array's name, unless they are finite and of the shape, in which None stands for any length;
-    TypeError if one is no number.
+    ValueError, with the array's name, if they are not finite or have another shape (None means any length); TypeError
+    if one is not a number.
     """
     try:
         array = values if _is_frozen(values) else np.array(values, dtype=np.float64)
@@ -52,5 +52,5 @@ def _is_frozen(values: object) -> TypeGuard[Array]:
 
 
 def seed_of(rng: np.random.Generator | int | None) -> int:
-    """A seed of what a user gives for random numbers: a generator, a seed, or None for another one each time."""
+    """A seed from a generator, a seed, or None (a new one each time)."""
     return int(rng) if isinstance(rng, int | np.integer) else int(np.random.default_rng(rng).integers(2**31))

@@ -1,7 +1,7 @@
 """The exceptions of bayesid.
 
 Bad input raises `InputError`, which carries one line a user can act on; the command line turns it into exit code 2.
-A numerical stage that ends without an answer raises `SolverError`, which carries the solver's own word for it.
+A numerical stage without a solution raises `SolverError`, which carries the solver's status.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from difflib import SequenceMatcher, get_close_matches
 
 
 def printable(text: str) -> str:
-    r"""Text in which what no screen shows is escaped: control characters, and bytes of file names that are no UTF-8.
+    r"""Text with control characters and invalid UTF-8 bytes escaped.
 
-    What comes from outside and is shown or written as a name passes here once.
+    Apply it once to each name from outside that is shown or written.
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def near_names(name: str, known: Iterable[str]) -> str:
-    """The question which of the known names was meant by one that is not, the nearest; empty where none is near."""
+    """A hint "did you mean ...?" with the known names nearest to an unknown one; empty if none is near."""
     near = get_close_matches(name, list(dict.fromkeys(known)), n=3, cutoff=0.5)  # half the letters of both are shared
     likeness = [SequenceMatcher(None, one, name).ratio() for one in near]
     meant = [one for one, share in zip(near, likeness, strict=True) if share == likeness[0]]

@@ -13,10 +13,10 @@ from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.errors import InputError, printable
 
 STANDSTILL = 0.01
-"""Share of its highest speed below which an actuator stands still: friction's direction is then unknown. Halved or
+"""Share of an actuator's highest speed that counts as standstill: friction's direction is then unknown. Halved or
 doubled, fewer signs of KR300's log are right."""
 _LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
-SLOWEST = 1e-6  # rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves
+SLOWEST = 1e-6  # rad/s, far below an encoder's resolution; an actuator that is never faster counts as at rest
 
 
 def unlabelled() -> Labels:
@@ -28,7 +28,7 @@ def check_label(label: object) -> str:
     """The label of a payload, which becomes a part of names; InputError unless letters, digits and underscores."""
     if not isinstance(label, str) or not _LABEL.fullmatch(label):
         remedy = "give letters (a to z), digits and underscores, 40 at most, as in tool1"
-        raise InputError(f"{printable(str(label))[:60]!r} is no label of a payload", "payload", remedy)
+        raise InputError(f"{printable(str(label))[:60]!r} is not a valid label of a payload", "payload", remedy)
     return label
 
 
@@ -73,7 +73,7 @@ class Motion:
 
     @property
     def top_speed(self) -> Array:
-        """(n,) highest speed of each joint, rad/s; of one that never moves the slowest that is told from standstill."""
+        """(n,) highest speed of each joint, rad/s, at least `SLOWEST`."""
         return np.maximum(np.abs(self.dq).max(axis=0), SLOWEST)
 
     @property
@@ -106,7 +106,7 @@ class Motion:
 
 
 class Instant(Motion):
-    """One instant of a motion that goes on: its numbers are taken as they are, unchecked, and effects remember."""
+    """One instant of a running motion: arrays are not checked, and effects keep their states between instants."""
 
     #: gives positions, velocities and accelerations, each (n,), so many seconds ago
     past: Callable[[float], tuple[Array, Array, Array]] | None
@@ -128,11 +128,11 @@ class Instant(Motion):
         values["origin"], values["payload"], values["past"], values["memory"] = origin, payload, past, memory
 
     def joints(self, chosen: list[int]) -> Motion:
-        """As views, where it can be."""
+        """As views where possible."""
         if len(chosen) == self.q.shape[1] and chosen == [*range(len(chosen))]:
             return self
-        those = slice(chosen[0], chosen[0] + 1) if len(chosen) == 1 else chosen  # a view costs a tenth of a copy
-        q, dq, ddq = self.q[:, those], self.dq[:, those], self.ddq[:, those]
+        index = slice(chosen[0], chosen[0] + 1) if len(chosen) == 1 else chosen  # a view costs a tenth of a copy
+        q, dq, ddq = self.q[:, index], self.dq[:, index], self.ddq[:, index]
         return Instant(self.t, q, dq, ddq, self.origin, self.payload, self.past, self.memory)
 
     def ago(self, lag: float) -> Motion:

@@ -38,7 +38,7 @@ ALONE = threading.RLock()  # held while settings of the process are changed, by 
 
 
 def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """A function that only one thread is in: ArviZ, xarray, pandas and matplotlib change warnings as they go."""
+    """A function that one thread at a time runs: ArviZ, xarray, pandas and matplotlib change global warning filters."""
 
     @wraps(function)
     def alone(*given: Given.args, **named: Given.kwargs) -> Result:
@@ -50,7 +50,7 @@ def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 @contextmanager
 def quiet(category: type[Warning]) -> Iterator[None]:
-    """Leaves warnings of a category unsaid; short work only, as no other thread enters meanwhile."""
+    """Suppresses warnings of a category; for short work only, as it blocks other threads."""
     with ALONE, warnings.catch_warnings():
         warnings.simplefilter("ignore", category)
         yield
@@ -175,21 +175,21 @@ def processors() -> int:
     """Processors that this process may use: those it is bound to, at most `OMP_NUM_THREADS` of them."""
     if not hasattr(os, "sched_getaffinity"):
         return 1
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    limit = os.environ.get("OMP_NUM_THREADS", "")
     bound = len(os.sched_getaffinity(0))
-    return min(bound, max(1, int(wanted))) if wanted.isdecimal() else bound
+    return min(bound, max(1, int(limit))) if limit.isdecimal() else bound
 
 
 @contextmanager
 def onlookers() -> Iterator[None]:
-    """Threads that are started inside only look on, as those that draw bars: no task needs a lock of theirs."""
+    """For blocks whose threads only draw progress bars: no task needs one of their locks."""
     before = set(threading.enumerate())
     yield
     _onlookers.update(set(threading.enumerate()) - before)
 
 
 def _may_fork() -> bool:
-    """A lock that another thread holds would be held in the worker for ever."""
+    """Forking beside other threads is unsafe: a lock that one of them holds is never released in the worker."""
     here = threading.current_thread()
     others = set(threading.enumerate()) - {here}
     _onlookers.intersection_update(others)

@@ -1,4 +1,4 @@
-"""How far a long computation has come: one `Progress`, silent unless somebody looks."""
+"""Progress of long computations; silent by default."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ def _silent(stage: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class Progress:
-    """What long stages tell, and what is called as show(stage, done, total) with it.
+    """Calls show(stage, done, total) as stages advance.
 
-    A stage begins with done = 0 and ends with done = total, where a proof made further steps needless too. A stage
-    without steps is one step.
+    A stage begins with done = 0 and ends with done = total, even if it stops early. A stage without steps is one step.
     """
 
     show: Show = _silent
@@ -37,7 +36,7 @@ class Progress:
     def stage(self, name: str) -> Iterator[Steps]:
         """One stage: what is inside may call the steps that this gives, as steps(done, total).
 
-        That it has ended is told once, where the block ends; not where an exception ends it.
+        The end is reported once, when the block ends without an exception.
         """
         whole = 1
 
@@ -56,4 +55,4 @@ class Progress:
         return Progress(lambda stage, done, total: self.show(f"{heading}: {stage}", done, total))
 
 
-SILENT = Progress()  # the default: nobody looks
+SILENT = Progress()  # the default

@@ -46,7 +46,7 @@ def test_every_argument_has_an_option_there_is():
 def test_terms_and_options_are_named_as_arguments(log):
     robot = small_robot(2)
     assert refusal(bayesid.identify, robot, log, ["rigid"]).startswith("`terms`: unknown term 'rigid'")
-    assert refusal(bayesid.identify, robot, log, "rigid_body").startswith("`terms`: 'rigid_body' is no list")
+    assert refusal(bayesid.identify, robot, log, "rigid_body").startswith("`terms`: 'rigid_body' is not a list")
     assert refusal(bayesid.identify, robot, log, complete="no").startswith("`complete`: ")
     assert refusal(bayesid.Certified, budget=-1.0).startswith("`Certified.budget`: ")
     assert refusal(bayesid.Beam, width=0).startswith("`Beam.width`: ")

@@ -1,4 +1,4 @@
-"""Functions of one variable of a motion, as few columns: what a learned effect is a product and sum of.
+"""Functions of one variable of a motion; a learned effect is a sum of their products.
 
 A smooth function is a Gaussian process by the eigenfunctions of the Laplacian on an interval (Solin and Sarkka,
 Hilbert space methods for reduced-rank Gaussian process regression, 2020), here those that end flat, cosines: the
@@ -49,7 +49,7 @@ class Axis:
     family: Family  # which functions
     low: float  # least value that the log has shown, in the variable's unit
     high: float  # the largest value
-    order: float  # h of periodic functions, s of powers, v of a direction, T of what fades, in the variable's unit
+    order: float  # h of PERIODIC, s of POWER, ODD and EVEN, v of DIRECTION, T of FADING, in the variable's unit
     count: int  # number of functions
 
     @property

@@ -1,4 +1,4 @@
-"""Rigid bodies, the links and payloads that a model lacks or logs say they carry; and what acts on the tool."""
+"""Rigid bodies (links and payloads) and forces on the tool."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ class Payload(BodyOnFlange):
         size="mp",
         detail="Its centre of mass lies at ({centre of mass x}, {centre of mass y}, {centre of mass z}) in the last "
         "link's frame. Its inertia about that, along this frame's axes, is xx {inertia xx}, yy {inertia yy}, zz "
-        "{inertia zz}, xy {inertia xy}, xz {inertia xz}, yz {inertia yz}. Mass and inertia are in the scale of the "
-        "efforts, and hold what all of these may be off by: `bayesid payload` says the same.",
+        "{inertia zz}, xy {inertia xy}, xz {inertia xz}, yz {inertia yz}. Mass and inertia scale with the efforts: "
+        "an error common to all gains changes them alike. `bayesid payload` reports the same values.",
         brief="a payload of {mass}",
     )
     of_links = True
@@ -127,14 +127,14 @@ class CarriedPayload(BodyOnFlange):
     label: tuple[str, ...] = number(given=True)
 
     name = "payload.carried"
-    phrase = Phrase("Some logs are of a flange that carries {m}.", "a payload of some logs", size="m")
+    phrase = Phrase("In some logs the flange carries {m}.", "a payload of some logs", size="m")
     can_be_missing = False
 
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
         """None for all of a motion: logs say what they carry."""
-        remedy = "leave it out, and say which log carries something by `Log.carrying`"
-        raise InputError(f"{cls.name} is no term of every log", field="terms", remedy=remedy)
+        remedy = "remove it, and label the logs with a payload by `Log.carrying`"
+        raise InputError(f"{cls.name} acts only in logs with a payload", field="terms", remedy=remedy)
 
     @property
     def payloads(self) -> tuple[str, ...]:

@@ -46,21 +46,21 @@ def forms() -> Mapping[str, type[Term] | type[Distortion]]:
     These are imported at the first call. Each of their entry points `bayesid.effects` names one class, of one form.
 
     Raises:
-        InputError: an entry point cannot be loaded, is no effect's class, or has the name of another effect; or a
-            symbol is taken, or cannot be told from another one's joint.
+        InputError: an entry point cannot be loaded, is no effect class, or has the name of another effect; or a symbol
+            is taken, or ends in a digit.
     """
     known: dict[str, Any] = {**TERMS, **DISTORTIONS}
     for point in sorted(entry_points(group="bayesid.effects"), key=lambda point: point.name):
         package = point.dist.name if point.dist is not None else point.module
         unusable = partial(InputError, field=f"effect {point.name} of the package {package}")
-        remedy = f"mend or uninstall {package}"
+        remedy = f"fix or uninstall {package}"
         try:
             kind = point.load()
-        except Exception as error:  # whatever goes wrong in somebody's module
+        except Exception as error:  # a third-party module may raise anything
             raise unusable(f"cannot be loaded ({type(error).__name__}: {error})", remedy=remedy) from None
         is_effect = inspect.isclass(kind) and issubclass(kind, Effect)
         if not is_effect or not isinstance(getattr(kind, "name", None), str):
-            raise unusable(f"{point.value} is no effect's class with a name", remedy=remedy)
+            raise unusable(f"{point.value} is not an effect class with a name", remedy=remedy)
         if known.setdefault(kind.name, kind) is not kind:
             other = known[kind.name].__module__
             raise unusable(f"its effect {kind.name!r} has the name of one of {other}", remedy=remedy)
@@ -76,7 +76,8 @@ def _check_symbols(known: Mapping[str, type[Effect]]) -> None:
             if one.symbol[-1].isdigit():
                 raise InputError(f"its symbol {one.symbol} ends in a digit", field, f"name it {one.symbol}_")
             if owners.setdefault(one.symbol, name) != name:
-                raise InputError(f"its symbol {one.symbol} is that of {owners[one.symbol]}", field, "name it otherwise")
+                said = f"its symbol {one.symbol} is that of {owners[one.symbol]}"
+                raise InputError(said, field, "choose another symbol")
 
 
 def main_forms() -> dict[str, type[Term] | type[Distortion]]:
@@ -121,7 +122,7 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
         made.append(term)
     names = [parameter.name for term in made for parameter in term.parameters(robot)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        remedy = "name each effect once, and give the parameters of your own other symbols"
+        remedy = "name each effect once, and choose other symbols for your own parameters"
         raise InputError(f"two terms have a parameter {twice[0]}", field="terms", remedy=remedy)
     return tuple(made)
 
@@ -130,10 +131,10 @@ def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
     """The terms one by one.
 
     Raises:
-        InputError: they are one text, of which the names would be the letters, or hold what is neither name nor term.
+        InputError: they are a single string, or hold what is neither name nor term.
     """
     if isinstance(chosen, str) or not isinstance(chosen, Iterable):
-        said = f"{chosen!r} is no list of names or terms"
+        said = f"{chosen!r} is not a list of names or terms"
         raise InputError(said, field="terms", remedy=f"give one, as in [{effects.STANDARD[0]!r}]")
     listed = tuple(chosen)
     for one in listed:
@@ -149,7 +150,6 @@ def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
 
 
 def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
-    """A term of somebody's own is refused here, where its name is known, and not as a wrong sum later."""
     try:
         term.check(robot.n_joints)
         some = motion[: min(len(motion), 8)]
@@ -162,7 +162,7 @@ def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
         if term.cone(robot).size != size:
             raise ValueError(f"its cone is of {term.cone(robot).size} parameters, it has {size}")
     except (AttributeError, IndexError, NotImplementedError, TypeError, ValueError) as error:
-        remedy = f"mend {type(term).__name__}: docs/extending.md"
+        remedy = f"fix {type(term).__name__}, see docs/extending.md"
         raise InputError(f"does not suit the robot ({error})", f"term {term.name}", remedy) from error
 
 

@@ -21,7 +21,7 @@ from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 
 _ZERO = 1e-9
-"""Weights below are rounding, and weights as near to a whole number or a length are that."""
+"""Weights below this are zero; weights this close to a whole number or a length are equal to it."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class BaseCoefficients:
         return theta @ self.projection.T
 
     def lift(self, beta: Array) -> Array:
-        """(..., P) parameters with these coefficients: the ones without any part that leaves no trace.
+        """(..., P) parameters of least norm with these coefficients; they need not be feasible.
 
-        `project(lift(beta)) == beta`; the parameters are the shortest such vector, not a feasible one.
+        `project(lift(beta)) == beta`.
         """
         return beta @ self._lifting.T
 

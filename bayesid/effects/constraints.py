@@ -1,4 +1,4 @@
-"""Constraints on named parameters that somebody has stated: half spaces, positive semidefinite matrices, equalities."""
+"""Constraints on named parameters, stated by the user: half spaces, positive semidefinite matrices, equalities."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Constraints:
 
     @property
     def homogeneous(self) -> Constraints:
-        """The inequalities that hold for theta as for any positive multiple of it."""
+        """The inequalities that are invariant to positive scaling of theta."""
         bound = np.zeros(len(self.labels), dtype=bool)
         bound[self.of_equal] = True
         bound[self.of_row[self.offset != 0.0]] = True

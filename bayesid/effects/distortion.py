@@ -1,7 +1,7 @@
-"""What a distortion is: an effect that adds no columns to the model but changes its rows, or what the sensor reads.
+"""Distortions: effects that add no columns to the model but change its rows or the sensor's reading.
 
-A delay or a tilted base changes the rows Y that a model makes of a motion; a sensor that clips changes what becomes of
-its effort. Columns stay linear in the model's parameters, so everything downstream stays as it is.
+A delay or a tilted base changes the regressor Y; a clipping sensor changes the reading of the effort. The model stays
+linear in its parameters.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ class Distortion(Effect):
         return self.moved(np.array([direction.sign * magnitude]))
 
     def largest_magnitude(self, scene: Scene) -> float:
-        """How large the magnitude of a simulated distortion may be."""
+        """Largest magnitude of a simulated distortion."""
         return self.largest
 
 
 class RobotDistortion(Distortion):
-    """Base of what is wrong in the robot: it is `built` or moves otherwise than the model has it."""
+    """Base of errors of the robot: its geometry (`built`) or its motion differs from the model's."""
 
     of_effort = False
     step: ClassVar[float] = 1e-5

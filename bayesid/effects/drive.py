@@ -124,7 +124,7 @@ class GainError(Distortion):
 
 
 class GearRatio(RobotDistortion):
-    """The joint moves 1 + error times as far as its positions say, from its zero: its gear ratio is not as stated.
+    """The joint's true position is 1 + error times its reading: its gear ratio is not as stated.
 
     Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991.
 
@@ -137,10 +137,10 @@ class GearRatio(RobotDistortion):
     name = "gear_ratio"
     shown_by = "moving the joint far from its zero, both ways, slowly and fast"
     phrase = Phrase(
-        "{whose} gear ratio is off: it moves {ratio} further than its positions say.",
+        "{whose} gear ratio is off: it moves {ratio} more than its readings.",
         "a wrong gear ratio",
         size="ratio",
-        opposite="{whose} gear ratio is off: it moves {ratio} less far than its positions say.",
+        opposite="{whose} gear ratio is off: it moves {ratio} less than its readings.",
         units={"ratio": ReadableUnit("%", 100.0)},
     )
     needs_earlier = True
@@ -211,7 +211,7 @@ class Delay(Distortion):
         return replace(self, lag=(magnitude,))
 
     def largest_magnitude(self, scene: Scene) -> float:
-        """At most a radian of the motion's fastest wave, as the motion is not known before it begins."""
+        """At most one radian of the motion's fastest harmonic: the motion before the log is unknown."""
         return float(scene.motion.t[-1] - scene.motion.t[0]) / (2.0 * np.pi * FASTEST_HARMONIC)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:

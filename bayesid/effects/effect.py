@@ -25,19 +25,19 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Number:
-    """What is known of a nonlinear number of an effect, of which each actuator has one."""
+    """Properties of a nonlinear parameter of an effect; by default there is one per actuator."""
 
-    unit: str = ""  # of a joint that turns, where people want to know the number
-    name: str = ""  # under which they read it, without the joint; by default that of the field
-    of_motion: Callable[[Motion], Array] | None = None  # (m,) those that the motion of m actuators shows
-    tried: Callable[[Motion], Iterable[float]] | None = None  # those worth trying in one actuator, of its motion
-    given: bool = False  # whether it comes with the model: no log is asked for it, and `check` looks after its size
+    unit: str = ""  # in a revolute joint; empty if the number is not reported
+    name: str = ""  # in reports, without the joint; by default the field's name
+    of_motion: Callable[[Motion], Array] | None = None  # (m,) values from the motion of m actuators
+    tried: Callable[[Motion], Iterable[float]] | None = None  # candidates for one actuator, from its motion
+    given: bool = False  # whether the model sets it: it is not fitted to a log, and `check` validates its size
     tuned: bool = False  # whether the first amplitudes of the effect are changes of these numbers
-    count: int = 0  # how many there are, where they are not one an actuator
+    count: int = 0  # how many there are, if not one per actuator
 
     @property
     def told(self) -> bool:
-        """Whether no log is asked for it: the model or the motion tell it."""
+        """Whether the model or the motion determines it, so that it is not fitted to a log."""
         return self.given or (self.of_motion is not None and self.tried is None)
 
 
@@ -48,7 +48,7 @@ def number(unit: str = "", *, default: Any = dataclasses.MISSING, **about: Any) 
 
 @dataclass(frozen=True)
 class Scene:
-    """What an effect may look at to say in which forms it could be hidden in a log."""
+    """Input from which an effect derives the forms to try on a log."""
 
     robot: Robot
     motion: Motion  # N samples of its joints
@@ -78,7 +78,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class ReadableUnit:
-    """How people read a number: factor * (value - neutral), in a unit of theirs."""
+    """Conversion of a number for reports: factor * (value - neutral), in another unit."""
 
     unit: str
     factor: float = 1.0
@@ -87,7 +87,7 @@ class ReadableUnit:
 
 @dataclass(frozen=True)
 class Phrase:
-    """How to speak of one form of an effect.
+    """Text for one form of an effect.
 
     Attributes:
         sentence: says that it is there; {who} is the joint, {whose} its genitive, other braces hold parameters, without
@@ -114,7 +114,7 @@ class Phrase:
 class Effect:
     """One form of a physical effect; each subclass is a frozen dataclass, its fields are made by `number`.
 
-    A class says of itself what stands below; all but the first two have defaults. Its docstring holds the equation, one
+    A class sets the attributes below; all but the first two have defaults. Its docstring holds the equation, one
     sentence of physics and the source.
 
     Args:
@@ -128,7 +128,7 @@ class Effect:
     shown_by: ClassVar[str]
     """The motion that shows it, and no other effect."""
     phrase: ClassVar[Phrase] = Phrase()
-    """How people speak of it; without one, by its name and numbers."""
+    """Text for reports; by default made of its name and numbers."""
     linear: ClassVar[bool]
     """Whether it is a term: the efforts are linear in its amplitudes wherever it is looked at."""
     acts_on: ClassVar[Literal["joint", "robot", "either"]] = "joint"
@@ -203,14 +203,14 @@ class Effect:
         return replace(self, joints=joints, **kept)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
-        """Name, with the joint, to value and unit of the nonlinear numbers that people want to know."""
-        told = {}
+        """Name, with the joint, to value and unit of the nonlinear numbers to report."""
+        reported = {}
         for key, number in self.number_fields().items():
             places = range(number.count) if number.count else self.acting(robot.n_joints)
             for j, value in zip(places, getattr(self, key), strict=True) if number.unit else ():
                 unit = number.unit if number.count else unit_of(robot, j, number.unit)
-                told[f"{number.name or key}{j + 1}"] = float(value), unit
-        return told
+                reported[f"{number.name or key}{j + 1}"] = float(value), unit
+        return reported
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
@@ -240,11 +240,11 @@ class Effect:
         return {}
 
     def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
-        """What people read in place of its parameters (..., p): name to (...) values and unit; by default nothing."""
+        """Quantities to report instead of its parameters (..., p): name to (...) values and unit; empty by default."""
         return {}
 
     def description(self, robot: Robot, theta: Array) -> Description | None:
-        """Words for an effect without a name, with parameters theta (p,); None of those that have one."""
+        """Text for an unnamed effect with parameters theta (p,); None for named effects."""
         return None
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
@@ -259,7 +259,7 @@ class Effect:
         return shifts, {j: columns[:, j] for j in acting} if columns.shape[2] else {}
 
     def resolved(self, scene: Scene) -> bool:
-        """Whether a log's samples lie close enough to tell this form from simpler ones."""
+        """Whether a log's sampling is fine enough to distinguish this form from simpler ones."""
         return True
 
     def moved(self, step: Array) -> Self:

@@ -98,32 +98,32 @@ def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tu
         shape = _shape(axes[0], grids[0], values)
         return None if shape is None else [(shape[1], [shape[0]])]
     left, sizes, right = np.linalg.svd(values)
-    total, written, told = float(np.sum(values**2)), [], np.zeros_like(values)
+    total, written, approximation = float(np.sum(values**2)), [], np.zeros_like(values)
     for k in range(TUNING.most_products):
         one, other = _shape(axes[0], grids[0], left[:, k]), _shape(axes[1], grids[1], right[k])
         if one is None or other is None:
             return None
         written.append((float(sizes[k]) * one[1] * other[1], [one[0], other[0]]))
-        told = told + sizes[k] * np.outer(one[2], other[2])
-        if np.sum((values - told) ** 2) < (1.0 - TUNING.explained) * total:
+        approximation = approximation + sizes[k] * np.outer(one[2], other[2])
+        if np.sum((values - approximation) ** 2) < (1.0 - TUNING.explained) * total:
             return written
     return None
 
 
 def _shape(axis: Axis, grid: Array, values: Array) -> tuple[str, float, Array] | None:
-    """Text, factor and values of the plainest function of a variable that is nearly the given one, if any is."""
+    """Text, factor and values of the simplest function of a variable that fits the given values; None if none does."""
     for turns, parts in _plain_shapes(axis, grid, symbol(*axis.variable)):
         waves = [np.sin(turns * grid), np.cos(turns * grid)] if turns else []
         columns = np.stack([*waves, *(column for _, column in parts)], axis=1)
         found = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
-        told = np.asarray(columns @ found, dtype=np.float64)
-        if np.sum((values - told) ** 2) < (1.0 - TUNING.explained) * np.sum(values**2) + TINY:
-            return *_written(symbol(*axis.variable), turns, [text for text, _ in parts], found.tolist()), told
+        shape = np.asarray(columns @ found, dtype=np.float64)
+        if np.sum((values - shape) ** 2) < (1.0 - TUNING.explained) * np.sum(values**2) + TINY:
+            return *_written(symbol(*axis.variable), turns, [text for text, _ in parts], found.tolist()), shape
     return None
 
 
 def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
-    """The plainest first, of those that the axis has; a smooth function may be any of them."""
+    """Functions that the axis allows, the simplest first; a smooth axis allows all."""
     smooth = axis.family is Family.SMOOTH
     powers = smooth or axis.family is Family.POWER
     one, straight, square = ("", np.ones_like(grid)), (name, grid), (f"{name}^2", grid**2)

@@ -35,9 +35,9 @@ class ViscousFriction(ActuatorTerm):
 
 
 class OvercompensatedFriction(Term):
-    """Fv < 0: a drive that makes up for viscous friction adds more effort in the direction of motion than that takes.
+    """Fv < 0: the drive's friction compensation exceeds the viscous friction.
 
-    It has no parameter: the bound Fv >= 0 of viscous friction is lifted. Olsson, Astrom, Canudas de Wit, Gafvert,
+    It has no parameter: it removes the bound Fv >= 0 of viscous friction. Olsson, Astrom, Canudas de Wit, Gafvert,
     Lischinsky, Friction models and friction compensation, European Journal of Control 1998.
     """
 
@@ -81,8 +81,7 @@ class DryTerm(ActuatorTerm):
     """Base of the effects in which the direction of motion enters, smoothed as tanh(u' / v).
 
     Args:
-        smoothing: (m,) v of each actuator, rad/s: what counts as standstill in its motion, where no log shows
-            friction's direction.
+        smoothing: (m,) v of each actuator, rad/s: its standstill speed, below which friction's direction is unknown.
     """
 
     smoothing: Numbers = number(of_motion=lambda actuators: actuators.standstill_speed)
@@ -216,7 +215,7 @@ def _times(actuator: Motion) -> list[float]:
 
 
 def _cold_and_warm(time: Numbers, actuators: Motion, *parts: Array) -> Sequence[Array]:
-    """Each of some efforts (N, m), as it is when the recording begins, and in proportion to how warm the joint is."""
+    """For each effort (N, m): itself (cold), and itself times the warming 1 - exp(-t / T)."""
     warm = 1.0 - np.exp(-(actuators.t[:, None] - actuators.origin) / np.array(time))
     return [factor * part for part in parts for factor in (np.ones_like(warm), warm)]
 

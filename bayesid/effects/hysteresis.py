@@ -1,4 +1,4 @@
-"""Dry friction that builds up over a way, before teeth and seals slip."""
+"""Presliding friction: dry friction that builds up over a displacement, before teeth and seals slip."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ class Hysteresis(ActuatorTerm):
             yield z
 
     def resolved(self, scene: Scene) -> bool:
-        """Whether the way takes a few samples at the usual speed: a shorter one is but a step, or a small delay."""
+        """Whether the width takes a few samples at the usual speed; otherwise it looks like a step or a small delay."""
         period = float(np.median(np.diff(scene.motion.t)))
         usual = np.percentile(np.abs(scene.actuators.dq), TUNING.usual_speed, axis=0)[self.acting(scene.robot.n_joints)]
         return bool(np.all(np.array(self.width) > TUNING.fewest_samples_of_way * period * usual))
 
     def unit_efforts(self, actuators: Motion) -> Array | Sequence[Array]:
-        """(N, m) the state z, from rest: how an element was strained before the log begins, nobody knows."""
+        """(N, m) the state z, zero at the start of the log: its true initial value is unknown."""
         return self.state(actuators, 1.0)
 
     def state(self, actuators: Motion, share: float) -> Array:

@@ -25,11 +25,11 @@ _MILLIMETRES, _DEGREES = ReadableUnit("mm", 1e3), ReadableUnit("degrees", 180.0 
 
 
 class BaseTilt(RobotDistortion):
-    """Gravity turned, as the base sees it, about two axes across its nominal direction: the base is mounted otherwise.
+    """The base is tilted: gravity is rotated about two axes perpendicular to its nominal direction.
 
-    The first is the base's axis that is furthest from gravity, made perpendicular to it; the second is perpendicular to
-    both: x and y of a base that stands upright. Newton-Euler with the base accelerated against gravity (Luh, Walker,
-    Paul 1980).
+    The first is the base's axis furthest from gravity, made perpendicular to it; the second is perpendicular to both.
+    For an upright base they are x and y. Newton-Euler with the base accelerated against gravity (Luh, Walker, Paul
+    1980).
 
     Args:
         angle: (2,) rad, about the first and the second of these axes.
@@ -40,7 +40,7 @@ class BaseTilt(RobotDistortion):
     name = "base_tilt"
     shown_by = "turning the first joint through its whole range with the arm stretched"
     phrase = Phrase(
-        "The base is tilted by {tilt1} and {tilt2}, about two axes across gravity as the model has it.",
+        "The base is tilted by {tilt1} and {tilt2}, about two axes perpendicular to the model's gravity.",
         "a base tilt",
         units={"tilt1": _DEGREES, "tilt2": _DEGREES},
     )
@@ -48,7 +48,7 @@ class BaseTilt(RobotDistortion):
     typical = (0.1, 0.1, 0.5, 0.5)
     step = 1e-4
     largest = 1.0
-    """rad; far beyond any floor's."""
+    """rad, largest simulated tilt."""
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
@@ -112,7 +112,7 @@ class Displacement(RobotDistortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Neutral, of each joint whose number is no other effect's business.
+        """Neutral values of the joints whose number belongs to no other effect.
 
         The first row of a modified table says how the base is mounted: `base_tilt`. The zero of a joint that slides is
         its d: `link_offset`.
@@ -126,9 +126,9 @@ class Displacement(RobotDistortion):
     def displaced(self, robot: Robot, joint: int, step: float) -> Robot:
         """The robot with the number of a (0-based) joint larger by a step, m or rad.
 
-        The joint moves along or about its axis. A number of the common normal moves what stands at the end of the link,
-        the link's body with it, along or about the x axis there, in the standard convention. In the modified one, and
-        where a robot has no table, the joint itself moves along or about the common normal of its axis and that before.
+        d and theta move the joint along or about its axis. In the standard convention a and alpha move the end of the
+        link, with its body, along or about the x axis there. In the modified convention, and without a table, they move
+        the joint along or about the common normal of its axis and the previous one.
         """
         move = turn if self.of_angle else shift
         if not self.of_normal:
@@ -160,7 +160,7 @@ class Displacement(RobotDistortion):
         return {f"{self.symbol}{j + 1}": (float(error), "rad" if self.of_angle else "m") for j, error in pairs}
 
     def largest_magnitude(self, scene: Scene) -> float:
-        """Rad or m; no table is further off."""
+        """Largest simulated error, rad or m."""
         return 0.5 if self.of_angle else 0.1
 
 
@@ -173,10 +173,10 @@ class JointZero(Displacement):
     name = "joint_zero"
     shown_by = "moving the joints behind it slowly through their ranges, the arm stretched"
     phrase = Phrase(
-        "{whose} zero is off: it stands {zero} further than its position says.",
+        "{whose} zero is off: its true position is {zero} more than its reading.",
         "a joint's zero that is off",
         size="zero",
-        opposite="{whose} zero is off: it stands {zero} less far than its position says.",
+        opposite="{whose} zero is off: its true position is {zero} less than its reading.",
         units={"zero": _DEGREES},
     )
     typical = (math.radians(1.0),)
@@ -189,10 +189,10 @@ class LinkLength(Displacement):
     name = "link_length"
     shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
     phrase = Phrase(
-        "{whose} link is {a} longer than the table's a, by the model's masses.",
+        "{whose} link is {a} longer than the table's a, if the model's masses are right.",
         "an error of a length a of the table",
         size="a",
-        opposite="{whose} link is {a} shorter than the table's a, by the model's masses.",
+        opposite="{whose} link is {a} shorter than the table's a, if the model's masses are right.",
         units={"a": _MILLIMETRES},
     )
     typical = (0.01,)
@@ -205,10 +205,10 @@ class LinkOffset(Displacement):
     name = "link_offset"
     shown_by = "moving the joints before the link through their ranges, fast, in several postures"
     phrase = Phrase(
-        "{whose} link sits {d} further along its axis than the table's d, by the model's masses.",
+        "{whose} link offset is {d} more than the table's d, if the model's masses are right.",
         "an error of a length d of the table",
         size="d",
-        opposite="{whose} link sits {d} less far along its axis than the table's d, by the model's masses.",
+        opposite="{whose} link offset is {d} less than the table's d, if the model's masses are right.",
         units={"d": _MILLIMETRES},
     )
     typical = (0.01,)
@@ -216,15 +216,15 @@ class LinkOffset(Displacement):
 
 
 class LinkTwist(Displacement):
-    """The number alpha of a joint's row is off: two axes stand askew."""
+    """The number alpha of a joint's row is off: the angle between two axes differs from the table."""
 
     name = "link_twist"
     shown_by = "moving the joints on both sides of the link slowly through their ranges"
     phrase = Phrase(
-        "{whose} link is twisted by {alpha} more than the table's alpha, by the model's masses.",
+        "{whose} link twist is {alpha} more than the table's alpha, if the model's masses are right.",
         "an error of an angle alpha of the table",
         size="alpha",
-        opposite="{whose} link is twisted by {alpha} less than the table's alpha, by the model's masses.",
+        opposite="{whose} link twist is {alpha} less than the table's alpha, if the model's masses are right.",
         units={"alpha": _DEGREES},
     )
     typical = (math.radians(1.0),)
@@ -248,7 +248,7 @@ def turn(about: Array, step: float, point: Array = _ORIGIN) -> Array:
 
 
 def is_distal(robot: Robot) -> bool:
-    """Whether links have their frames where the next joint stands: the standard Denavit-Hartenberg convention."""
+    """Whether each link's frame is at the next joint: the standard Denavit-Hartenberg convention."""
     for link, one in enumerate(robot.joints):
         following = [joint.placement for joint in robot.joints if joint.parent == link]
         at_next = all(np.allclose(one.link_frame, placement, atol=_SAME) for placement in following)
@@ -258,7 +258,7 @@ def is_distal(robot: Robot) -> bool:
 
 
 def with_joint(robot: Robot, joint: int, move: Array, *, own: bool = True) -> Robot:
-    """The robot with one joint, and what it carries, moved in its own frame or the frame that it stands in."""
+    """The robot with one joint, and all links after it, moved in its own frame or its parent's frame."""
     joints, placement = list(robot.joints), robot.joints[joint].placement
     joints[joint] = replace(joints[joint], placement=placement @ move if own else move @ placement)
     return replace(robot, joints=tuple(joints))

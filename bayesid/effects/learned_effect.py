@@ -76,7 +76,7 @@ class LearnedEffect(Term):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
-        """None: what has no name is not tried by name."""
+        """None: it is not tried by name."""
         return ()
 
     @cached_property

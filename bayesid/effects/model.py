@@ -1,4 +1,4 @@
-"""A dynamic model: a robot, the sum of terms that makes its actuator efforts, and what distorts them."""
+"""A dynamic model: a robot, a sum of terms for its actuator efforts, and distortions."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ class Model:
 
     @property
     def payloads(self) -> tuple[str, ...]:
-        """Labels of the payloads that the model knows, of which a motion may say that it carries one."""
+        """Labels of the model's payloads."""
         return tuple(dict.fromkeys(label for term in self.terms for label in term.payloads))
 
     @property
@@ -223,7 +223,7 @@ class Model:
         chunks = [slice(start, min(start + TUNING.chunk, len(motion))) for start in range(0, len(motion), TUNING.chunk)]
         for k in range(0, len(chunks), TUNING.chunks_together):
             some = chunks[k : k + TUNING.chunks_together]
-            if len(some) <= processors():  # a chunk takes less than to fork for it
+            if len(some) <= processors():  # forking would take longer
                 yield from ((rows, self._chunk(motion, rows)) for rows in some)
             else:
                 yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)

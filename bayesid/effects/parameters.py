@@ -61,8 +61,7 @@ class Cone:
         size: number of parameters; those not mentioned below are free.
         nonnegative: indices of the parameters that must be >= 0.
         bodies: (b, 10) indices of the blocks that are a body's parameters (`bayesid.robot.inertia`).
-        stated: constraints on all parameters that cut the cone, which then is none any more: no code may scale what
-            lies in it; None without any.
+        stated: further constraints on the parameters, or None. With them the set is not a cone: scaling may leave it.
     """
 
     size: int

@@ -1,4 +1,4 @@
-"""The plane that equalities leave of all parameters."""
+"""The affine subspace of parameters that satisfy the equalities."""
 
 from __future__ import annotations
 

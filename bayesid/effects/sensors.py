@@ -1,4 +1,4 @@
-"""Sensors and drives that saturate or are blind near zero."""
+"""Sensors and drives that saturate or have a dead zone."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Clipping(SensorDistortion):
 
     name = "clipping"
     shown_by = "reaching well beyond the limit, with a payload or at high acceleration"
-    phrase = Phrase("{whose} efforts are cut off at {limit}.", "clipping")
+    phrase = Phrase("{whose} efforts are clipped at {limit}.", "clipping")
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
@@ -40,7 +40,7 @@ class Clipping(SensorDistortion):
         return np.clip(effort, -limit, limit)
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
-        """Readings at the limit show nothing but that it was reached."""
+        """A reading at the limit is only a lower bound."""
         return reading, reading < TUNING.near_limit * np.array(self.limit)
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
@@ -76,7 +76,7 @@ class DeadZone(SensorDistortion):
         return np.where(np.abs(effort) < np.array(self.width), 0.0, effort)
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
-        """Readings clearly below the threshold show nothing but that."""
+        """A reading clearly below the threshold is only an upper bound."""
         return reading, reading > TUNING.clearly_above * np.array(self.width)
 
 

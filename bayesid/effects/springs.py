@@ -1,4 +1,4 @@
-"""What pulls a joint by its position: springs, balancing springs, cables and hoses along the arm."""
+"""Position-dependent torques: springs, balancing springs, cables and hoses along the arm."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""What a term of the dynamic model is.
+"""Terms of the dynamic model: tau = sum over terms of Y_term(motion) theta_term.
 
-tau = sum over terms of Y_term(motion) theta_term. Everything downstream works on columns and cones alone; it never asks
-which physics a column stands for.
+Everything downstream uses columns and cones alone, not the physics of a term.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ class Term(Effect):
         """
         numbers = cls.number_fields()
         if missing := [key for key, number in numbers.items() if number.of_motion is None]:
-            message = f"{cls.name} has numbers that no motion shows ({', '.join(missing)})"
-            raise InputError(message, field="terms", remedy="have `bayesid discrepancy` find it")
+            message = f"{cls.name} needs a log to determine {', '.join(missing)}"
+            raise InputError(message, field="terms", remedy="find it with `bayesid discrepancy`")
         shape: Any = {key: tuple(one.of_motion(actuators).tolist()) for key, one in numbers.items() if one.of_motion}
         return cls(**shape)
 
@@ -88,7 +87,6 @@ class ActuatorTerm(Term):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """In each actuator by itself, over the numbers worth trying there."""
         numbers = cls.number_fields()
         for j, motion in enumerate(scene.each, start=1):
             tried = [(one.tried or one.of_motion or _untold)(motion) for one in numbers.values()]

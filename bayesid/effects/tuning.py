@@ -37,17 +37,17 @@ class Tuning:
     hysteresis_widths: tuple[float, ...] = (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
     """rad (m), the way from rest to slipping, each some 1.8 times the last; refined in between."""
     fewest_samples_of_way: float = 2.0
-    """Samples in which a way that can be told from a step is passed."""
+    """Fewest samples within a width; a shorter one looks like a step."""
     usual_speed: float = 80.0
-    """Percentile of the speeds that counts as the usual one. Halved, UR10e's model gets other effects."""
+    """Percentile of the speeds that counts as usual. Halving it changes the effects found on UR10e (`ablation`)."""
     stribeck_slow: float = 10.0
-    """Stribeck speed over the speed of standstill, a hundredth of the highest, where no log is asked for it."""
+    """Stribeck speed over standstill speed where it is not fitted to a log; standstill is 1 % of the highest speed."""
     stribeck_speeds: tuple[float, ...] = (0.035, 0.06, 0.1, 0.17, 0.3)
     """Stribeck speeds, as shares of the joint's highest speed, each 1.7 times the last; refined in between."""
     knees: tuple[float, ...] = (0.1, 0.2, 0.4, 0.7)
     """Speeds at which drag saturates, as shares of the joint's highest: lower is dry friction, higher viscous."""
     warming_times: tuple[float, ...] = (0.2, 0.5, 1.2)
-    """Time constants of warming, as shares of the log's length: shorter ones are over at once, longer ones straight."""
+    """Time constants of warming, as shares of the log's length; much longer ones are linear within the log."""
     cable_starts: int = 11
     """Positions at which a cable begins to pull; refined in between."""
     cable_centres: int = 9
@@ -55,7 +55,7 @@ class Tuning:
     cable_middle: tuple[float, float] = (10.0, 90.0)
     """Percentiles of the positions between which these lie, so that both sides of each are visited."""
     ripple_lowest: float = 3.0
-    """1/rad; slower waves of the position, of 2 rad and more, are springs and gravity."""
+    """1/rad; waves longer than 2 rad look like springs and gravity."""
     ripple_step: float = 0.35
     """Of the harmonic, in units of pi over the joint's range: two neighbours differ by less than half a wave."""
     ripple_fastest: float = 0.7
@@ -65,11 +65,11 @@ class Tuning:
     lags: tuple[float, ...] = (0.0, 0.05, 0.12, 0.25, 0.4)
     """s, about which the effort is linear in the lag; denser where bus cycles and filters make them."""
     clipping_limits: int = 16
-    """Limits, between 0.8 and 1 times the highest readings; a round number, refined about the best of them."""
+    """Limits tried, from 0.8 to 1 times the highest reading: steps of 1.3 %, then refined around the best."""
     near_limit: float = 0.94
-    """Readings above this share of the limit may be clipped: room for noise of a few percent."""
+    """Readings above this share of the limit may be clipped; the margin allows noise of a few percent."""
     clipping_top: float = 99.8
-    """Percentile of the readings that counts as the highest: single spikes are none."""
+    """Percentile of the readings that counts as the highest, so that single spikes do not."""
     dead_zone_top: float = 99.0
     """The same for dead zones."""
     dead_zone_growth: float = 1.3
@@ -79,39 +79,39 @@ class Tuning:
     gaps: int = 3
     """Gaps between readings that are tried, the widest."""
     gaps_below: float = 0.6
-    """Share of the highest readings below which gaps are looked for; above, readings are sparse by themselves."""
+    """Gaps are searched below this share of the highest reading; higher readings are sparse anyway."""
     clearly_above: float = 0.5
-    """Readings above this share of the threshold are no zeros: midway between these and it."""
+    """Readings above this share of the threshold do not count as zero: midway between zero and the threshold."""
     clearly_read: float = 0.3
-    """The same where efforts are read smaller by the threshold, and only noise makes zeros larger."""
+    """The same for a dead zone with offset, where only noise raises zeros."""
     payload_inertia: float = 0.03
-    """kg m^2, prior sd of a payload's inertia: 1 kg (0.17 m)^2; a round number for tools and workpieces."""
+    """kg m^2, prior sd of a payload's inertia: 1 kg (0.17 m)^2."""
     payload_moment: float = 0.15
-    """kg m, of its first moments: 1 kg at 0.15 m from the flange."""
+    """kg m, prior sd of its first moments: 1 kg at 0.15 m from the flange."""
     parallel: float = 0.1
-    """m/s^2 of gravity across the first axis (a tilt of 0.6 degrees), below which link 1's weight left no trace."""
+    """m/s^2, gravity across the first axis (a tilt of 0.6 degrees); below it link 1's weight is not identifiable."""
 
     # learned effects
     margin: float = 0.15
-    """Share of the range by which the interval of the cosines is longer at either end, as they end flat."""
+    """Extension of the cosines' interval at either end, as a share of the range; their slope is zero at its ends."""
     beyond: float = 0.5
-    """Share of the range seen by which one power, or a straight line, goes on beyond either end before it stays."""
+    """Extrapolation of one power, or a straight line, as a share of the range; beyond it the function is constant."""
     explained: float = 0.95
-    """Share of a function's mean square that a simpler one must have to be told in its place."""
+    """Share of a function's mean square that a simpler one must explain to replace it in the text."""
     grid: int = 41
     """Values of a variable at which functions are compared."""
     most_products: int = 2
     """Products of functions of one variable each, whose sum a function of two is written as."""
     most_terms: int = 3
-    """Of a formula: what is longer nobody reads, and is told as a function of its variables."""
+    """Most terms of a formula; a longer one is written as f of its variables."""
     few_waves: int = 3
-    """Waves and constant up to which a function of a joint's angle is a sine: more of them may be any function."""
+    """Most waves, constant included, that are written as a sine."""
     odd: float = 0.05
-    """Share of its mean square up to which a function's even part is nothing."""
+    """A function counts as odd if its even part has at most this share of its mean square."""
     tilts: tuple[float, ...] = (0.0175, 0.035)
-    """Angles of a base's tilt to begin from while signs are not known, rad: 1 and 2 degrees."""
+    """rad, base tilts tried while signs are unknown: 1 and 2 degrees."""
     tilt_axes: int = 8
-    """Axes about which it is tilted then."""
+    """Number of axes of these tilts."""
 
 
 TUNING = Tuning()

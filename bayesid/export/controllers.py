@@ -29,7 +29,7 @@ Between = Callable[[Motion, Array], Array]
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """What a robot is to run: a motion from rest to rest, known at every instant, and slower on demand."""
+    """A motion from rest to rest, defined at every instant; `slowed` gives slower versions."""
 
     robot: str  #: its name
     joint_names: tuple[str, ...]  #: n of them, in the order of the motion's columns
@@ -67,17 +67,17 @@ class PlannedMotion:
         return Motion(t, motion.q, motion.dq, motion.ddq)
 
     def points(self, most: int, between: Between) -> tuple[Motion, float]:
-        """As few instants, equally far apart, as tell the motion, as many at any speed; for controllers that fill in.
+        """Equidistant points for a controller that interpolates; their number does not depend on the speed.
 
         Args:
-            most: intervals, at most.
-            between: how a controller is thought to fill them in.
+            most: largest number of intervals.
+            between: the controller's interpolation, as assumed.
 
         Returns:
-            The motion at the points, and how far what `between` makes of them is from it at most, rad (m).
+            The motion at the points, and the largest deviation of the interpolated positions, rad (m).
 
         Raises:
-            InputError: even so many points do not tell it.
+            InputError: the deviation is too large with `most` intervals.
         """
         intervals = min(TUNING.fewest_intervals, most)
         while True:
@@ -89,12 +89,13 @@ class PlannedMotion:
                 break
             intervals = min(2 * intervals, most)
         if not deviation <= TUNING.coarse:
-            said = f"{intervals} points do not tell the motion: between them it is {deviation:.2g} rad (m) away"
-            raise InputError(said, self.robot, "plan a shorter or a slower one")
+            limit = f"at most {TUNING.coarse:g} is allowed"
+            said = f"{intervals} intervals are too few: interpolation is off by {deviation:.2g} rad (m), {limit}"
+            raise InputError(said, self.robot, "plan a shorter or slower motion")
         return Motion(t, motion.q, motion.dq, motion.ddq), deviation
 
     def head(self, mark: str, *said: str) -> list[str]:
-        """Lines of comment: robot, duration, what was checked and what was not, and what else is said of a file."""
+        """Comment lines: robot, duration, checks made and not made, then the given lines."""
         never = "the way to the start pose", "the controller's own limits"
         lines = [
             f"robot: {self.robot}, joints: {', '.join(self.joint_names)}",
@@ -109,10 +110,7 @@ class PlannedMotion:
 
 
 def cubic(points: Motion, t: Array) -> Array:
-    """Positions of the cubic spline through points, at rest at both ends.
-
-    It stands in for a controller's own spline, which is not published.
-    """
+    """Cubic spline through points, at rest at both ends; approximates a controller's own, unpublished spline."""
     values: Array = scipy.interpolate.CubicSpline(points.t, points.q, bc_type="clamped")(t)
     return values
 
@@ -125,7 +123,7 @@ def quintic(points: Motion, t: Array) -> Array:
 
 
 def _decimals(values: Array) -> list[list[str]]:
-    """Rows of numbers (N, n) with six decimals, none of them -0."""
+    """Rows of numbers (N, n) with six decimals; -0 becomes 0."""
     return [[f"{value:.6f}" for value in row] for row in (np.round(values, 6) + 0.0).tolist()]
 
 
@@ -140,15 +138,15 @@ def _ascii(text: str) -> str:
 def joint_trajectory(planned: PlannedMotion) -> str:
     """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead.
 
-    Between points a joint_trajectory_controller puts quintics when it is given all three. InputError if as many points
-    as one argument of a command holds do not tell the motion.
+    Given all three, a joint_trajectory_controller interpolates by quintics. InputError if a file short enough for one
+    command-line argument deviates too much from the motion.
     """
     bytes_of_point = 100 + 3 * 11 * planned.n_joints  # 11 of a number, at most
     points, deviation = planned.points(TUNING.ros_bytes // bytes_of_point, quintic)
     head = planned.head(
         "#",
-        f"between its points, which quintics join, it is {deviation:.2g} rad (m) from the motion at most",
-        f"the first {TUNING.ros_lead:g} s bring the robot to the start pose from wherever it is: move it near by hand "
+        f"largest deviation from the motion: {deviation:.2g} rad (m), with quintics between the points",
+        f"the first {TUNING.ros_lead:g} s move the robot from its current pose to the start pose: move it near by hand "
         "before",
     )
     lines = [
@@ -179,7 +177,8 @@ def urscript(planned: PlannedMotion) -> str:
     joints that turn.
     """
     if planned.n_joints != 6 or any(planned.prismatic):
-        said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
+        found = f"{planned.n_joints} joints{', some prismatic' if any(planned.prismatic) else ''}"
+        said = f"a UR robot has six revolute joints, this one has {found}"
         raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
     own = 0.002  # s, the controller's cycle since version 5; four of them are one of version 3
     cycle = own * max(1, round(1.0 / (planned.rate * own)))
@@ -212,13 +211,13 @@ def urscript(planned: PlannedMotion) -> str:
 # 8.3, Operating and Programming Instructions for System Integrators, KUKA Roboter GmbH 2015
 # ---------------------------------------------------------------------------------------------------------------
 _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
-"""A joint's name that says which axis it is: A1, e1, joint_a1."""
+"""A joint's name that ends with a KRL axis name: A1, e1, joint_a1."""
 
 
 def krl_program(planned: PlannedMotion) -> str:
     """motion.src: to the start pose, slowly, and the motion as one spline block of SPTP segments, timed by TIME_BLOCK.
 
-    InputError if KRL has no names for the joints (`krl_axes`), or too few points for the motion.
+    InputError if KRL has no names for the joints (`krl_axes`), or a spline block has too few segments for the motion.
     """
     axes = krl_axes(planned)
     points, deviation = planned.points(TUNING.krl_intervals, cubic)
@@ -227,10 +226,9 @@ def krl_program(planned: PlannedMotion) -> str:
     head = planned.head(
         ";",
         "KRL program of the motion, axes in degrees (mm of prismatic ones)",
-        f"between its points a cubic spline is {(deviation * units).max():.2g} degrees (mm) from the motion at most; "
-        "the controller fills them in in its own way, and takes longer than TIME_BLOCK END says where an axis cannot "
-        "follow",
-        "set the load data of what the flange carries before; run it in T1 first",
+        f"largest deviation from the motion: {(deviation * units).max():.2g} degrees (mm), with a cubic spline "
+        "between the points; the controller uses its own spline, and exceeds TIME_BLOCK END where an axis is too slow",
+        "set the load data of the flange first; run the program in T1 first",
     )
     part = 100.0 / (len(poses) - 1)
     lines = [
@@ -272,17 +270,17 @@ def rsi_table(planned: PlannedMotion) -> str:
 
 
 def krl_axes(planned: PlannedMotion) -> list[str]:
-    """KRL's names of the joints: those that the joints' own names end with (A1, joint_e1), or A1 to A6 in order.
+    """KRL's names of the joints: from the ends of the joints' names (A1, joint_e1), or A1 to A6 in order.
 
-    InputError if there are more than six joints, and their names do not say which axes they are.
+    InputError if there are more than six joints and their names do not end with KRL axis names.
     """
     found = [match and match[1].upper() for match in map(_AXIS.fullmatch, planned.joint_names)]
     named = [axis for axis in found if axis]
     if len(set(named)) == planned.n_joints:
         return named
     if planned.n_joints > 6:
-        said = f"{planned.n_joints} joints have no names in KRL, which has A1 to A6 and E1 to E6"
-        raise InputError(said, planned.robot, "name the joints so in the robot's file, as joint_a1 and joint_e1")
+        said = f"{planned.n_joints} joints need names that end with KRL's axes, A1 to A6 and E1 to E6"
+        raise InputError(said, planned.robot, "name the joints in the robot's file, such as joint_a1 and joint_e1")
     return [f"A{j}" for j in range(1, planned.n_joints + 1)]
 
 
@@ -324,7 +322,7 @@ class Programs:
 
     folders: tuple[Path, ...]  #: one a speed, the slowest first
     files: tuple[str, ...]  #: names of the files in each of them
-    left_out: Mapping[str, str]  #: names of the files that this robot cannot have, and why
+    left_out: Mapping[str, str]  #: files that were not written for this robot, and why
 
 
 def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] = SPEEDS) -> Programs:

@@ -63,7 +63,7 @@ joints = [
 
 
 def robot_template(name: str, path: str, convention: str = "standard") -> str:
-    """A robot file to fill in, with what each of its lines means; refused by `load_robot` until it is.
+    """A robot file to fill in, with comments; `load_robot` refuses it until every nan is replaced.
 
     Args:
         name: of the robot.
@@ -130,7 +130,7 @@ def _columns(header: Sequence[str], where: str) -> dict[str, _Column]:
         name = _NAMES[match["name"]]
         if name in found:
             said = f"has two columns for {name}: {found[name].label} and {label}"
-            raise InputError(said, where, "leave one of them out")
+            raise InputError(said, where, "remove one of them")
         factor, length = None if unit is None else factor_of("q", unit), name in _LENGTHS
         if unit is not None and (factor is None or (unit.strip().casefold() in ("m", "cm", "mm")) != length):
             units = "mm, cm or m" if length else "deg or rad"
@@ -168,7 +168,7 @@ def _joint(cells: Sequence[str], columns: Mapping[str, _Column], where: str) -> 
 
 
 def _value(cell: str, column: _Column, name: str, where: str) -> float:
-    """A cell in m or rad; pi and a degree sign say that its angle is in rad or degrees, whatever the column's unit."""
+    """A cell in m or rad. `pi` means rad and a degree sign means degrees, whatever the column's unit."""
     text = cell.replace(" ", "").replace(_MINUS, "-")
     if name in ("d", "theta"):  # one of them is the joint's own position, and an offset may be added to it
         text = _JOINT.sub("", text, count=1).removesuffix("+") or "0"

@@ -10,23 +10,23 @@ class Tuning:
     """Choices; `TUNING` holds those in use."""
 
     fewest_intervals: int = 25
-    """Between points of a motion, with which the search for as few as tell it begins. A round number."""
+    """Fewest intervals of an exported motion; doubled until `fine` is met, so that it sets only the file's length."""
     fine: float = 1e-5
-    """rad (m); deviation at which no more points are added: 0.0006 degrees, far below what a robot follows."""
+    """rad (m), deviation at which no more points are added: 0.0006 degrees."""
     coarse: float = 1e-2
-    """rad (m); deviation above which points do not tell the motion: some 1 cm at a reach of 1 m. A round number."""
+    """rad (m), largest deviation accepted: 1 cm at the tip of an arm of 1 m. A larger one is an error."""
     looks: int = 8
-    """Instants at which each interval is compared with the motion: its deviation is met to a few percent."""
+    """Instants at which each interval is compared with the motion."""
     krl_intervals: int = 500
-    """Of a spline block, at most: KRL plans it as a whole before it begins, some seconds for a hundred segments."""
+    """Most segments of a spline block. KRL plans the whole block before it starts, so more segments delay the start."""
     krl_approach: int = 10
-    """% of the axes' speed on the way to the start pose: slow. A round number."""
+    """% of the axes' highest speed and acceleration, for the move to the start pose. A low value, chosen for safety."""
     ros_lead: float = 10.0
-    """s to the start pose from wherever the robot is: half a turn peaks at 0.6 rad/s then. A round number."""
+    """s, duration of the move to the start pose. Half a turn, as a quintic from rest to rest, peaks at 0.6 rad/s."""
     ros_bytes: int = 120_000
-    """Of the file, about: Linux passes 128 KiB (MAX_ARG_STRLEN) as one argument, which "$(cat FILE)" is."""
+    """Most bytes of the file. `"$(cat FILE)"` is one argument, and Linux limits that to 128 KiB (MAX_ARG_STRLEN)."""
     urscript_approach: str = "a=0.3, v=0.2"
-    """rad/s^2 and rad/s of movej on the way to the start pose: slow. Round numbers."""
+    """rad/s^2 and rad/s, acceleration and speed of movej to the start pose. Low values, chosen for safety."""
 
 
 TUNING = Tuning()

@@ -69,7 +69,7 @@ def simulate(  # noqa: PLR0913  options of either form
 ) -> Log:
     """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
 
-    A controller rectifies what it measures, so the noise is added first; a sensor's distortions act on it as well.
+    Noise is added before the sensor's distortions and before rectification, as in a controller.
 
     Args:
         model: the model; or a robot, its name or file, which gets random feasible parameters (the KR5 those of the
@@ -145,7 +145,7 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", field="effects", remedy=remedy) from None
     if effect.name not in main_forms():
         remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
-        raise InputError(f"{text!r} names no effect of the catalogue", field="effects", remedy=remedy)
+        raise InputError(f"{text!r} is not in the catalogue of effects", field="effects", remedy=remedy)
     if not 1 <= effect.joint <= robot.n_joints:
         raise InputError(f"{text!r} names joint {effect.joint}", field="effects", remedy=f"give 1 to {robot.n_joints}")
     if not 0.0 <= effect.level <= 1e3:
@@ -172,9 +172,10 @@ def simulate_log(
     ranges = (duration, "duration", 1.0, 1e5), (rate, "rate", 10.0, 1e4), (noise, "noise", 0.0, 1e2)
     for value, name, least, most in ranges:  # wide, to catch slips of the pen
         if not least <= value <= most:
-            raise InputError(f"{value:g} cannot be used", field=name, remedy=f"give {least:g} to {most:g}")
+            raise InputError(f"{value:g} is out of range", field=name, remedy=f"give {least:g} to {most:g}")
     if duration * rate > 1e7:  # 1.4 GB of memory for six joints
-        raise InputError(f"{duration * rate:g} samples", field="duration", remedy="ask for at most 1e+07")
+        remedy = "reduce duration or rate to at most 1e+07 samples"
+        raise InputError(f"{duration * rate:g} samples are too many", field="duration", remedy=remedy)
     rng = np.random.default_rng(seed)
     model = Model(robot, (RigidBody(),))
     known = robot.same_kinematics(load_robot("kr5-paper"))
@@ -238,7 +239,7 @@ def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Te
 
 
 def _unreachable(effect: SimulatedEffect, why: str) -> InputError:
-    what = f"{str(effect)!r} cannot be had: {why}"
+    what = f"{str(effect)!r} cannot be simulated: {why}"
     return InputError(what, field="effects", remedy="give another level, joint or seed")
 
 
@@ -247,10 +248,10 @@ def _scaled_term(term: Term, effect: SimulatedEffect, scene: Scene, rng: np.rand
     unit = _inside_cone(term, scene.robot, rng)
     size = rms(Model(scene.robot, (term,)).effort(scene.motion, unit))
     j = effect.joint - 1
-    wanted = effect.level * rms(scene.effort)[j]
-    if not (size[j] > TUNING.trace * size.max() and wanted > 0.0):
-        raise _unreachable(effect, "it does not act on this joint, or nothing else does")
-    return unit * (wanted / size[j])
+    target = effect.level * rms(scene.effort)[j]
+    if not (size[j] > TUNING.trace * size.max() and target > 0.0):
+        raise _unreachable(effect, "the effect or the rigid bodies have no effort in this joint")
+    return unit * (target / size[j])
 
 
 def _inside_cone(term: Term, robot: Robot, rng: np.random.Generator) -> Array:
@@ -291,11 +292,11 @@ def _scaled_distortion(
     while whole > 0.0 and level(high) < effect.level and high < largest:
         low, high = high, min(2.0 * high, largest)
     if not (whole > 0.0 and level(high) >= effect.level):
-        raise _unreachable(effect, f"{form.name} does not change this joint's effort as much")
+        raise _unreachable(effect, f"{form.name} does not change this joint's effort that much")
     xtol = TUNING.xtol * high
     root = scipy.optimize.brentq(lambda x: level(x) - effect.level, low, high, xtol=xtol, rtol=TUNING.xtol)
     near = (root - 2.0 * xtol, root, root + 2.0 * xtol)  # the level may jump at the root
     missed, best = min((abs(level(x) - effect.level), x) for x in near)
     if missed > TUNING.close * effect.level:
-        raise _unreachable(effect, f"the samples of this joint make it change in steps, as to {level(best):.4g}")
+        raise _unreachable(effect, f"the level changes in steps here, the nearest one is {level(best):.4g}")
     return form.of_magnitude(best, direction, scene)

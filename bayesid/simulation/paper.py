@@ -62,7 +62,7 @@ def paper_model() -> Model:
 def nominal_parameters() -> Array:
     """(60,) physical link parameters of the KR5 with the nominal values of Table II, ordered as in `paper_model()`.
 
-    The table does not hold all parameters; what it leaves open was chosen once, in round numbers, so that every
-    pseudo-inertia stays well inside the cone (kr5_nominal.toml says how).
+    The table does not determine all parameters. The others are chosen so that every pseudo-inertia is positive definite
+    with a margin (see kr5_nominal.toml).
     """
     return frozen(_table()["links"], (_LINKS, 10), "links").flatten()

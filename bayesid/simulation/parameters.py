@@ -14,9 +14,9 @@ from bayesid.simulation.tuning import TUNING
 def random_parameters(model: Model, *, rng: np.random.Generator | int | None = 0) -> Array:
     """(P,) plausible parameters of any model, strictly inside its cone and without symmetries.
 
-    Bodies are made to measure for the link they belong to. Every other parameter is so large that its effort is some
-    share of the bodies' effort: 5 to 25 % if it cannot be negative (friction, rotor inertia), 1 to 5 % of either sign
-    if it can (offsets). Without bodies in the model that share is of 1 N m.
+    Bodies have the size of their link. The effort of every other parameter is a share of the bodies' effort: 5 to 25 %
+    if it is nonnegative (friction, rotor inertia), 1 to 5 % if it has either sign (offsets). Without bodies in the
+    model the share is of 1 N m.
 
     Args:
         model: P parameters.

@@ -1,8 +1,8 @@
 """Periodic trajectories within limits, random ones and ones that excite a model, and the condition number.
 
 Each joint follows a finite Fourier series (Swevers, Ganseman, Tukel, De Schutter and Van Brussel, "Optimal robot
-excitation and identification", IEEE Trans. Robotics and Automation 1997), stretched until the joint touches one of its
-limits; what is left, the shape, is free.
+excitation and identification", IEEE Trans. Robotics and Automation 1997). It is scaled until the joint reaches one of
+its limits; the shape is free.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ UNEXCITED = -0.5 * float(np.log(1e2 * _FLOOR))
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """What the joints may do, one number for all or one each; the defaults suit most small industrial arms.
+    """Limits of the joints, one number for all or one each; the defaults suit most small industrial arms.
 
     Attributes:
         lower: lowest position, rad (m for a prismatic joint); the others' units follow from it.
@@ -149,8 +149,8 @@ def within_limits(shape: Array, frequency: float, limits: MotionLimits) -> Fouri
     count = instants(harmonics)
     wave = FourierTrajectory(frequency, shape[:, :harmonics], shape[:, harmonics:-1], np.zeros(n))
     motion = wave.motion(np.arange(count) / count / frequency)
-    room = zip((half - np.abs(shift), velocity, acceleration), (motion.q, motion.dq, motion.ddq), strict=True)
-    stretch = np.min([limit / np.abs(values).max(axis=0) for limit, values in room], axis=0)
+    bounds = zip((half - np.abs(shift), velocity, acceleration), (motion.q, motion.dq, motion.ddq), strict=True)
+    stretch = np.min([limit / np.abs(values).max(axis=0) for limit, values in bounds], axis=0)
     stretch = stretch[:, None] * np.cos(np.pi * harmonics / count)
     return FourierTrajectory(frequency, stretch * wave.sine, stretch * wave.cosine, (lower + upper) / 2 + shift)
 
@@ -202,7 +202,7 @@ def exciting_trajectory(
 def condition_number(model: Model, coefficients: BaseCoefficients, motion: Motion) -> float:
     """Condition number of the base regressor, all joints' rows together, its columns scaled to length one.
 
-    The scaling takes the units out: what is left is how well the coefficients can be separated (Gautier and
+    The scaling removes the units, so the number measures how well the coefficients can be separated (Gautier and
     Khalil, "Exciting trajectories for the identification of base inertial parameters of robots", IJRR 1992).
     """
     return float(np.linalg.cond(_scaled_columns(model, coefficients, motion)))

@@ -1,12 +1,11 @@
-"""Whether separate runs of one robot agree as well as their standard deviations say.
+"""Whether separate runs of one robot agree within their standard deviations.
 
-A coefficient of a robot is one number, so its estimates from K independent logs scatter by their standard deviations,
-if these are right and nothing has changed between the logs. Their weighted mean and chi-square (Birge 1932; Cochran's
-Q) test that, coefficient by coefficient. What scatters more holds errors that no single log shows: effects that the
-model lacks, gains, temperature, another payload.
+Estimates of a coefficient from K independent logs scatter by their standard deviations, if these are right and the
+robot did not change. The weighted mean and chi-square (Birge 1932; Cochran's Q) test that for each coefficient. More
+scatter means errors that a single log cannot show: missing effects, gains, temperature, another payload.
 
-A prior that the runs share pulls all of them to the same value, so a coefficient that it decides scatters less than its
-standard deviation. Coefficients of one run are correlated: several of them may differ, or agree, together.
+A prior shared by the runs pulls all of them to the same value, so coefficients dominated by it scatter less.
+Coefficients of one run are correlated: several may differ, or agree, together.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Agreement:
-    """C coefficients as K separate runs have them; NaN where nothing can be said."""
+    """C coefficients of K separate runs; NaN where a number is undefined."""
 
     n_runs: int  #: K
     names: tuple[str, ...]  #: (C,) parameter that each is built on
@@ -65,7 +64,7 @@ class Agreement:
 
     @property
     def factor(self) -> float:
-        """By how much all standard deviations would have to grow for the typical coefficient to agree as it should.
+        """Factor on all standard deviations at which the typical coefficient would agree.
 
         The median, over the coefficients compared, of the root of chi-square over the median of its distribution: a
         Birge ratio whose median is 1 for any number of runs. NaN if no coefficient is compared.
@@ -81,10 +80,10 @@ class Agreement:
 
     @property
     def beyond_chance(self) -> bool:
-        """Whether runs with right standard deviations would hardly ever differ so: about once in a thousand times.
+        """Whether runs with right standard deviations would differ so with a probability of about 0.001.
 
-        Either in so many coefficients, or in any one so much (Bonferroni's bound). The first is for independent ones;
-        with the correlations of a UR10e's posterior it is 3 to 5 times in a thousand.
+        Either many coefficients differ, or one differs by much (Bonferroni's bound). The first assumes independent
+        coefficients; with the correlations of a UR10e's posterior its probability is 0.003 to 0.005.
         """
         number, count = int(self.compared.sum()), int(self.differing.sum())
         many = number > 0 and bdtrc(count - 1, number, TUNING.level) < TUNING.chance
@@ -92,12 +91,12 @@ class Agreement:
 
     @property
     def sentence(self) -> str:
-        """What there is to say, in plain words."""
+        """The result as one sentence."""
         number, k, absent = int(self.compared.sum()), self.n_runs, int((~self.shared).sum())
         apart = f"; {absent} coefficient{' is' if absent == 1 else 's are'} not in every run's model" if absent else ""
         if not number:
-            return f"the {k} runs cannot be compared: no coefficient is decided by two of them{apart}"
-        say, times = "their standard deviations say", f"{self.factor:.1f} times as much"
+            return f"the {k} runs cannot be compared: no coefficient is identifiable in two of them{apart}"
+        say, times = "their standard deviations predict", f"{self.factor:.1f} times as much"
         of = f"(median of {number} coefficient{'s' * (number > 1)}, {k} runs)"
         differing = f"{int(self.differing.sum())} of {number} differ at 1 %"
         count = f"{differing}, chance alone gives {TUNING.level * number:.2g}{apart}"
@@ -123,7 +122,7 @@ def agreement(runs: Sequence[Sequence[Row]]) -> Agreement:
         KeyError: a row lacks a column.
     """
     if len(runs) < 2:
-        raise InputError(f"takes two runs or more, not {len(runs)}", "agreement", "give more logs")
+        raise InputError(f"needs two runs or more, not {len(runs)}", "agreement", "give more logs")
     tables = [_by_coefficient(run) for run in runs]
     keys = list(dict.fromkeys(key for table in tables for key in table))
     absent = (np.nan, np.inf)

@@ -1,8 +1,8 @@
 """Maps a function over many tasks, in worker processes of this machine or on the workers of a Dask scheduler.
 
-Outcomes come in the order in which they are ready. A task that raises is an outcome with its error, not the end of the
-run. A task whose worker died is tried again, alone; one that kills its workers is an outcome that says so. A worker
-runs one task at a time, with one BLAS thread.
+Outcomes come in the order of completion. A task that raises gives an outcome with its error. A task whose worker died
+is tried again, alone; after several deaths its outcome reports them. A worker runs one task at a time, with one BLAS
+thread.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bayesid.errors import BayesidError, InputError
 from bayesid.parallel import WorkerPool, one_blas_thread
 
 _START = "start one with `dask scheduler` and workers with `dask worker tcp://HOST:8786 --nworkers -1 --nthreads 1`"
-_LOST = "the scheduler does not answer any more"
+_LOST = "the connection to the scheduler was lost"
 _one_at_a_time = threading.Lock()
 
 
@@ -92,7 +92,7 @@ def _flow(
                 index = flying.pop(future)
                 try:
                     batch.append(_received(future.result()))
-                except CancelledError as error:  # nobody here cancels: a scheduler that is gone does
+                except CancelledError as error:  # only a lost scheduler cancels tasks
                     raise LostSchedulerError(_LOST) from error
                 except Exception as error:
                     died = pool.died(error)
@@ -204,12 +204,12 @@ def _check_version(client: Any) -> None:
     try:
         versions = client.run(version, "bayesid")
     except ModuleNotFoundError as error:
-        said = f"a worker has no bayesid ({error})"
+        said = f"bayesid is missing on a worker ({error})"
         raise InputError(said, field="scheduler", remedy="install it there") from None
     for address, its in versions.items():
         if its != here:
             said = f"worker {address} has {its}, here is {here}"
-            raise InputError(said, field="scheduler", remedy="install the same there")
+            raise InputError(said, field="scheduler", remedy="install the same version there")
 
 
 class Cluster:

@@ -1,7 +1,7 @@
 """Several logs of one robot, each identified by itself on the runner, and whether the results agree.
 
-Pooled (`bayesid.read_log`) they would give one model with smaller standard deviations; separately they show whether
-these standard deviations are true.
+Pooled logs (`bayesid.read_log`) give one model with smaller standard deviations. Separate results test whether the
+standard deviations are right.
 """
 
 from __future__ import annotations
@@ -174,8 +174,8 @@ def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
     """The place holds nothing else, no folder there is more than an earlier result, and logs are files."""
     for log in logs:
         if is_stream(log):
-            said = "is a stream, which only one process can read, and once"
-            raise InputError(said, str(log), "save it as a file, or identify from it alone, without `each`")
+            said = "is a stream, which can be read only once"
+            raise InputError(said, str(log), "save it as a file, or identify without `each`")
     if place.exists() and not place.is_dir():
         raise InputError("is not a folder", str(place), _REMEDY)
     files = {path.name for path in place.iterdir() if not path.is_dir()} if place.is_dir() else set()
@@ -184,7 +184,7 @@ def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
     check_place(place)
     for folder in folders:
         if any(log.resolve().parent == folder.resolve() for log in logs):
-            raise InputError("holds a log, which the result would replace", str(folder), _REMEDY)
+            raise InputError("holds a log, which the result would overwrite", str(folder), _REMEDY)
         check_result_folder(folder)
 
 

@@ -118,8 +118,8 @@ def test_a_package_that_registers_nonsense_is_named(tmp_path, monkeypatch, capsy
     for k, (source, expected) in enumerate(
         (
             ("raise OSError('no licence')", "cannot be loaded (OSError: no licence)"),
-            ("Any = 3", "wrong1:Any is no effect's class with a name"),
-            (CLASS + "pass", "is no effect's class with a name"),
+            ("Any = 3", "wrong1:Any is not an effect class with a name"),
+            (CLASS + "pass", "is not an effect class with a name"),
             (CLASS + "name = 'payload'", "its effect 'payload' has the name of one of bayesid.effects.bodies"),
             (SYMBOL.format("Fe"), "its symbol Fe is that of viscous_friction.saturating"),
             (SYMBOL.format("Fany2"), "its symbol Fany2 ends in a digit; name it Fany2_"),
@@ -182,7 +182,7 @@ def test_its_model_is_read_back_with_its_class_and_refused_without(tmp_path, res
     again = bayesid.load(tmp_path / "result", effects=kinds)
     assert again.model.terms == result.identified.model.terms
     np.testing.assert_array_equal(again.theta, result.identified.theta)
-    with pytest.raises(bayesid.InputError, match=r"unknown term 'fan_drag'; .*effects=\[its class\]"):
+    with pytest.raises(bayesid.InputError, match=r"unknown term 'fan_drag'; .*effects=\["):
         bayesid.load(tmp_path / "result")
 
 

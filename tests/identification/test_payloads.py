@@ -121,7 +121,7 @@ def test_model_file_brings_the_payload_back(tmp_path, two):
 
 def test_labels_are_letters_digits_and_underscores(two):
     for label in ("", "tool 1", "größe", "a-b", "m.1", "x" * 41, None, 3):
-        with pytest.raises(InputError, match="no label of a payload"):
+        with pytest.raises(InputError, match="not a valid label"):
             two.logs[0].carrying(label)
 
 

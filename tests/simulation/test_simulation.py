@@ -248,7 +248,7 @@ def test_levels_out_of_reach_are_refused():
     few = "dead_zone:2:0.001"  # so few efforts are so small that one sample more makes a difference
     of_flange, light = "tool_wrench:6:1", "base_tilt:6:100"  # the force acts on the last axis; the wrist is light
     for text in ("delay:2:5", "base_tilt:4:0.3", light, "clipping:3:1.5", "dead_zone:3:1.2", of_flange, few):
-        with pytest.raises(InputError, match="cannot be had") as refusal:
+        with pytest.raises(InputError, match="cannot be simulated") as refusal:
             efforts(text)
         assert repr(text) in str(refusal.value)
         assert refusal.value.field == "effects"

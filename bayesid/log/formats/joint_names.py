@@ -55,9 +55,8 @@ def names_of_robot(robot_joints: Sequence[str], there: Sequence[str], where: str
     missing = [name for name, one in found.items() if one is None]
     others = [name for name in there if name not in found.values()]
     shared = ", ".join(name for name, one in found.items() if one is not None)
-    said = (
-        f"joints {shared} match the robot's, but {', '.join(missing or robot_joints)} are not among {', '.join(there)}"
-    )
+    absent, verb = missing or robot_joints, "is" if len(missing or robot_joints) == 1 else "are"
+    said = f"joints {shared} match the robot's, but {', '.join(absent)} {verb} not among {', '.join(there)}"
     remedy = "give `joints`, the log's names from base to tip"
     if len(missing) == len(others) == 1:
         names = ",".join(one or others[0] for one in found.values())
