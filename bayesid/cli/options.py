@@ -95,7 +95,7 @@ def numbers(
     try:
         found = None if text is None else tuple(float(word) for word in text.split(","))
     except ValueError:
-        raise InputError(f"{text!r:.60} is no list of numbers", option, remedy) from None
+        raise InputError(f"{text!r:.60} is not a list of numbers", option, remedy) from None
     if found is not None and not all(map(math.isfinite, found)):
         raise InputError(f"{text!r:.60} cannot be used", option, "give finite numbers")
     return found

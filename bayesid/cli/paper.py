@@ -199,7 +199,7 @@ def letter_command(options: argparse.Namespace) -> None:
         coefficient_table(*experiment.table),
         f"{len(result.coefficients)} coefficients in total, see coefficients.csv",
         conclusion=conclusion,
-        last=f"{_NO_CONFIDENCES}\nopen {folder}/report.html; all nodes: {folder}/nodes.csv",
+        last=f"{_NO_CONFIDENCES}; open {folder}/report.html; all nodes: {folder}/nodes.csv",
         warnings=result.warnings,
         incomplete=incomplete,
     )

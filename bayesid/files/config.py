@@ -23,6 +23,7 @@ OF_RUN = (
     "quiet",
 )
 """Other options of `bayesid identify`."""
+_ON_THE_COMMAND_LINE = ("config", "out", "force")
 _REMEDY = "give long options without dashes, as in robot = 'ur10e'"
 
 
@@ -36,6 +37,8 @@ def read_config(path: Path) -> dict[str, Any]:
     table = toml_of(read_source(path, _REMEDY), where, _REMEDY)
     for key, value in table.items():
         if key not in known:
+            if key in _ON_THE_COMMAND_LINE:
+                raise InputError(f"{key} cannot stand in this file", where, f"give --{key} on the command line")
             near = near_names(key, known)
             raise InputError(f"unknown key {key!r:.60}", where, f"{near} {_REMEDY}".strip())
         items = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]

@@ -344,8 +344,9 @@ def _orders(robot: Robot) -> _Changes:
         order[[a, b]] = b, a
     if n > 3:  # else that is an exchange of two
         exchanged["the joints in reversed order"] = np.arange(n)[::-1]
-    for change, order in exchanged.items():
+    for change, order in exchanged.items():  # of equal columns: one after the other
         yield change, {"order": order, "efforts": order}
+        yield f"the positions of {change}, not their efforts", {"order": order}
     for change, order in exchanged.items():
         yield f"the efforts of {change}, not their positions", {"efforts": order}
 

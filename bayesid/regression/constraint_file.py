@@ -73,7 +73,7 @@ def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], before: str, w
 def _numbers(value: Any, count: int, label: str, where: str, example: str) -> list[float]:
     plain = isinstance(value, list) and len(value) == count
     if not plain or any(isinstance(one, bool) or not isinstance(one, int | float) for one in value):
-        raise InputError(f"{label} is no list of {count} numbers", where, f"write it as in {example}")
+        raise InputError(f"{label} is not a list of {count} numbers", where, f"write it as in {example}")
     numbers = [float(one) for one in value]
     if not all(math.isfinite(one) and abs(one) <= LARGEST for one in numbers):
         raise InputError(f"{label} has a number that cannot be used", where, f"write it as in {example}")

@@ -276,7 +276,7 @@ BAD_MOTIONS = [
     (("--between", "torque_offset:1"), ("--between", "two different")),
     (("--about", "Fc2", "--between", "torque_offset:1,joint_spring:1"), ("--between", "--about")),
     (("--start", "0,1"), ("--start", "2 numbers")),
-    (("--effort-limits", "1,2,x"), ("--effort-limits", "no list of numbers")),
+    (("--effort-limits", "1,2,x"), ("--effort-limits", "not a list of numbers")),
     (("--effort-limits", "5,5"), ("--effort-limits", "5, 5 for 3 joints")),
     (("--effort-limits=-5,5,5",), ("--effort-limits", "positive")),
     (("--margin=-1", "--capsules", "0.03"), ("--margin", "-1 m", "touch")),

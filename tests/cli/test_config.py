@@ -106,7 +106,7 @@ def test_what_is_typed_counts_and_contradictions_are_said(odd, capfd):
         ("gains = [[1, 2]]", "gains"),
         ('cutoff = "low"', "--cutoff"),
         ('complete = "all"', "--complete"),
-        ('out = "result"', "unknown key 'out'"),
+        ('out = "result"', "give --out on the command line"),
     ],
 )
 def test_files_that_cannot_be_used(odd, capfd, text, says):

@@ -99,14 +99,16 @@ def test_what_is_left_is_what_least_squares_leave():
     assert found.leaves < 0.7 * found.given
 
 
-def wrong(order=None, efforts=None, factor=None, units=None):
-    """A log of a KR5 read wrongly: joints in another order, or efforts alone; factors of joint: factor, of all."""
+def wrong(order=None, positions=None, efforts=None, factor=None, units=None):
+    """A log of a KR5 read wrongly: joints in another order, or positions or efforts alone; factors of joint: factor, of all."""
 
     def of_joints(factors):
         return 1.0 if factors is None else np.array([factors.get(j, factors.get("all", 1.0)) for j in range(1, 7)])
 
     log = moved(signed_log(), order, of_joints(factor))
     effort = log.effort if efforts is None else log.effort[:, efforts]
+    if positions is not None:
+        log = replace(log, q=log.q[:, positions], dq=None if log.dq is None else log.dq[:, positions])
     return replace(log, effort=effort * of_joints(units))
 
 
@@ -114,6 +116,7 @@ WRONG = [
     ({"order": (1, 0, 2, 3, 4, 5)}, "joints 1 and 2 exchanged"),
     ({"order": (5, 4, 3, 2, 1, 0)}, "the joints in reversed order"),
     ({"efforts": (0, 1, 3, 2, 4, 5)}, "the efforts of joints 3 and 4 exchanged, not their positions"),
+    ({"positions": (0, 1, 2, 4, 3, 5)}, "the positions of joints 4 and 5 exchanged, not their efforts"),
     ({"factor": {"all": 1.0 / DEGREE}}, "positions in degrees, not rad"),
     ({"factor": {"all": DEGREE}}, "positions in rad, not degrees"),
     ({"factor": {5: 1.0 / DEGREE}}, "the positions of joint 5 alone in degrees, not rad"),

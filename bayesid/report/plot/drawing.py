@@ -33,7 +33,7 @@ def new_figure(height: float, width: float = WIDTH) -> MatplotlibFigure:
 def chosen_joints(n_joints: int, joints: Sequence[int] | None) -> list[int]:
     """Joints from 1, all by default; InputError if there is no such joint, or what was given is no list."""
     if isinstance(joints, int | str):
-        raise InputError(f"{joints!r} is no list of joints", "joints", f"give one, as joints=[{joints}]")
+        raise InputError(f"{joints!r} is not a list of joints", "joints", f"give one, as joints=[{joints}]")
     chosen = list(range(1, n_joints + 1)) if joints is None else list(joints)
     if not chosen or not all(1 <= joint <= n_joints for joint in chosen):
         raise InputError(f"there is no joint {chosen}", "joints", f"choose from 1 to {n_joints}")
