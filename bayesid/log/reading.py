@@ -257,7 +257,7 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
     if stated is None:
         if torques:
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
-        remedy = "give `gains` K1,..,Kn in N m/A (N m per count for raw readings), as in 12~20%,16,10 if they are  "
+        remedy = "give `gains` K1,..,Kn in N m/A (N m per count for raw readings), as in 12~20%,16,10 if they are "
         remedy += "uncertain, or `gains` unknown"
         raise InputError("the log holds currents but no gains are given", where, remedy)
     if isinstance(stated, Gains) and stated.exact.all():  # from an earlier result

@@ -199,7 +199,7 @@ class Tuning:
     """Largest number of candidates whose predictions of held-out blocks are computed together."""
     needed: float = 12.0
     """Nats that an effect must gain: about 150 candidates a log times e^-12 leave 1e-3 false ones, even if the noise
-    model is wrong by a factor of two in nats ."""
+    model is wrong by a factor of two in nats."""
     most_effects: int = 16
     """Largest number of added effects; ends a loop that does not converge."""
     significant: float = 3.0

@@ -17,7 +17,7 @@ _RESULT: Mapping[State, str] = {
 }
 VALIDATED: Mapping[State, str] = {
     "good": "The model predicts this log",
-    "look": "The model predicts this log, but the 95 % bands do not fit",
+    "look": "The model predicts this log; its error or the coverage of its bands needs attention",
     "bad": "Do not use the model for such motions",
 }
 """Verdicts of a validation."""

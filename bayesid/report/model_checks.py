@@ -148,7 +148,7 @@ def decided(findings: ReportData) -> Check:
         poor = int((sd > TUNING.poorly_known * np.abs(table.mean)).sum())
         apart = "apart from the common factor of the gains, "
     message = (
-        f"{apart}the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
+        f"{apart}the data determine {by_data} of {count} coefficients; {poor} do not differ from zero (1 sd); "
         f"{len(findings.prior_parameters)} individual parameters are not identifiable"
     )
     remedy = f"{commands.excite(findings.summary)} designs a better motion; or state known parameters by --nominal"

@@ -91,9 +91,9 @@ class SearchSummary:
     persistent_share: Annotated[Number, Shown("Samples with a determined sign", "{:.1%}")]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
     seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
-    sdp_solves: Annotated[int, Shown("Least-squares problems in the cone")]  # over the feasible parameters
-    nodes: Annotated[int, Shown("Partial assignments bounded")]
-    rounds: Annotated[int, Shown("Searches", "{}, until no segment's predicted effort crossed zero")]
+    sdp_solves: Annotated[int, Shown("Constrained least-squares problems")]  # over the feasible parameters
+    nodes: Annotated[int, Shown("Nodes of the tree")]
+    rounds: Annotated[int, Shown("Search rounds")]
     timed_out: bool = False  # whether the time limit ended a search: a faster machine may give other signs
     # of the last search: result of each method, nominal seconds, and starts
     ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways)] = ()

@@ -100,7 +100,7 @@ def test_what_is_left_is_what_least_squares_leave():
 
 
 def wrong(order=None, positions=None, efforts=None, factor=None, units=None):
-    """A log of a KR5 read wrongly: joints in another order, or positions or efforts alone; factors of joint: factor, of all."""
+    """A log of a KR5 read wrongly: joints, positions or efforts in another order; factors of joint: factor, of all."""
 
     def of_joints(factors):
         return 1.0 if factors is None else np.array([factors.get(j, factors.get("all", 1.0)) for j in range(1, 7)])
