@@ -179,8 +179,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", decided(4), "4|8"),
         ("bad", decided(3), "3|8"),
         ("bad", posterior(active_bounds=PRESSED), "mass of all links, from above|97"),
-        ("good", by_factor(0.1), "common factor of the gains|8 of 8|0 are"),
-        ("good", by_factor(2.0), "common factor of the gains|8 of 8|8 are"),
+        ("good", by_factor(0.1), "common factor of the gains|8 of 8|0 do not"),
+        ("good", by_factor(2.0), "common factor of the gains|8 of 8|8 do not"),
     ],
     "Validation": [
         ("good", GOOD, "another.csv|3.1|3.2|93|94"),
