@@ -136,7 +136,7 @@ class Instant(Motion):
         return Instant(self.t, q, dq, ddq, self.origin, self.payload, self.past, self.memory)
 
     def ago(self, lag: float) -> Motion:
-        """Likewise; what effects remember of it is kept apart."""
+        """Likewise; effects keep a separate state for it."""
         if lag == 0.0 or self.past is None:
             return self
         q, dq, ddq = (values[None] for values in self.past(lag))

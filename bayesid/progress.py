@@ -34,7 +34,7 @@ class Progress:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Steps]:
-        """One stage: what is inside may call the steps that this gives, as steps(done, total).
+        """One stage; the block may call the yielded function as steps(done, total).
 
         The end is reported once, when the block ends without an exception.
         """

@@ -1,10 +1,10 @@
-"""Hypotheses that a log cannot tell apart, and how clearly a motion would tell: expected Bayes factors.
+"""Hypotheses that a log cannot distinguish, and how well a motion distinguishes them: expected Bayes factors.
 
-Each hypothesis is the model without the effects in question, with columns of one of them; what is linear in an effect's
-numbers is summed out. Of its forms with other numbers the one counts that imitates best: what is expected is that of
-the least clear case.
+Each hypothesis is the model without the effects in question, plus columns of one of them. Linear parameters are
+marginalised. Of the forms with other nonlinear parameters, the one that fits best counts, so the expected Bayes factor
+is that of the worst case.
 
-A belief M holds efforts for X_M z_M, with z_M normal about m_M with inverse covariance L_M. A recording of information
+A belief M models efforts as X_M z_M, with z_M normal about m_M with inverse covariance L_M. A recording of information
 H leaves the covariance (L + H)^-1. Where A is true, the logarithm of its Bayes factor against B by the recording has
 the expectation (:eq:`next-bayes-factor`)
 
@@ -43,18 +43,18 @@ from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, maker
 
 _RANK = 1e-6
-"""Share of a column's length that others must leave for a motion to tell it from them."""
+"""Share of a column's length outside the span of others, above which it is linearly independent of them."""
 _REMEDY = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
 Changes = Mapping[EffectKey, Mapping[str, float]]
-"""Hypotheses that a term of the model has changed, and by how much which parameters, where the result has found it."""
+"""Hypotheses that change parameters of a term, and by how much, where the result has found it."""
 Classes = tuple[tuple[EffectKey, ...], ...]
-"""Of hypotheses each of which is to be told from the others of its class; the one that was named first comes first."""
+"""Classes of hypotheses to be distinguished within each class, in the order of their names."""
 
 
 # ---- Which hypotheses ----
 @dataclass(frozen=True)
 class Hypotheses:
-    """Classes of effects of which each class is to be told apart, and those of them that are changes of a term."""
+    """Classes of effects to be distinguished, and those of them that are changes of a term."""
 
     classes: Classes = ()
     changed: Changes = field(default_factory=dict)
@@ -68,7 +68,7 @@ def hypotheses_of(names: Sequence[str]) -> Hypotheses:
 def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: bool) -> Hypotheses:
     """Hypotheses of a discrepancy that has found some effects.
 
-    Where no classes are named and they are asked for, the effects that its log could not tell apart are meant.
+    Where no classes are named and they are asked for, the effects that its log could not distinguish are used.
     """
     changed: dict[EffectKey, dict[str, float]]
     changed = {score.key: {} for added in found for score in added.competing if score.hypothesis.changes}
@@ -86,7 +86,7 @@ def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
 
 
 def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]]) -> Classes:
-    """Classes of hypotheses that a log could not tell apart.
+    """Classes of hypotheses that a log could not distinguish.
 
     Args:
         found: of each effect that was found its name, its joints, and the effects that are equivalent with theirs. An
@@ -108,26 +108,26 @@ def parse_key(text: str) -> EffectKey:
     """An effect and its joints, as in `stribeck_friction:3`.
 
     Raises:
-        InputError: it is none of the catalogue.
+        InputError: the effect is not in the catalogue, or a joint is not a whole number.
     """
     effect, *joints = text.strip().split(":")
     if effect not in {kind.name.split(".")[0] for kind in catalogue.forms().values()}:
-        raise InputError(f"{effect!r} is no effect of the catalogue", field="between", remedy=_REMEDY)
+        raise InputError(f"{effect!r} is not an effect of the catalogue", field="between", remedy=_REMEDY)
     try:
         return effect, tuple(int(joint) for joint in joints if joint)
     except ValueError:
         raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=_REMEDY) from None
 
 
-# ---- What each of them holds for true ----
+# ---- Distributions under each hypothesis ----
 @dataclass(frozen=True)
 class Belief:
-    """A normal distribution of quantities that some columns show."""
+    """A normal distribution of the coefficients of some columns."""
 
     columns: Integers  # (q,) their places among all R
     mean: Array  # (q,)
     precision: Array  # (q, q) inverse covariance
-    fit: float = 0.0  # how well it has fitted an earlier recording; the more, the better
+    fit: float = 0.0  # minus the penalised squared error of an earlier recording, up to a constant
 
     @cached_property
     def root(self) -> Array:
@@ -136,7 +136,7 @@ class Belief:
 
 
 def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
-    """(pairs,) expected log Bayes factors, nats, of what is true against the best form of what is held against it.
+    """(pairs,) expected log Bayes factors, nats, of the true hypothesis against the best form of the alternative.
 
     Args:
         pairs: beliefs; those of the same columns have the same inverse covariance.
@@ -146,7 +146,7 @@ def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], informati
     shown: dict[int, Array] = {}
 
     def log_evidence(held: Belief, true: Belief) -> float:
-        """E log p(y | held) where another belief is true, but for a constant that hangs on neither."""
+        """E log p(y | held) where another belief is true, up to a common constant."""
         key = held.columns.tobytes()
         after[key] = after.get(key) or _after(held, information)
         if id(true) not in shown:
@@ -195,8 +195,8 @@ class CompetingModel:
     """A hypothesis."""
 
     key: EffectKey
-    forms: tuple[CompetingForm, ...]  # with different numbers; that which the result has found comes first
-    own: Array | None  # (p,) amplitudes of its first form that the result has found; None where it has not got it
+    forms: tuple[CompetingForm, ...]  # with different nonlinear parameters; the one in the result comes first
+    own: Array | None  # (p,) amplitudes of its first form in the result; None where the result lacks it
 
     @property
     def name(self) -> str:
@@ -207,12 +207,12 @@ class CompetingModel:
 
 @dataclass(frozen=True)
 class CompetingEffects:
-    """A class of hypotheses, and what is known beside them."""
+    """A class of competing hypotheses, and the result without them."""
 
     known: Known  # the result without the effects in question
     competing: tuple[CompetingModel, ...]  # at least two
-    recorded: Array  # (R, R) information of the earlier recording on all columns; zero where it is not at hand
-    prior: Array  # (r, r) inverse covariance of the coefficients before it, or of now where it is not at hand
+    recorded: Array  # (R, R) information of the earlier recording on all columns; zero if not given
+    prior: Array  # (r, r) inverse covariance of the coefficients before it, or now if it is not given
 
     @property
     def pairs(self) -> list[tuple[CompetingModel, CompetingModel]]:
@@ -224,7 +224,7 @@ class CompetingEffects:
         base = self.known.columns(motion)
         effort = base @ self.known.mean
         scene, parts = self.known.model.scene(motion, self.known.theta, effort, np.abs(effort)), [base]
-        for form in (form for rival in self.competing for form in rival.forms):
+        for form in (form for model in self.competing for form in model.forms):
             shift, rows = form.source.change(scene)
             parts += [rows] if rows.shape[2] == len(form.columns) else [rows, shift[:, :, None]]
         return np.concatenate(parts, axis=2)
@@ -232,12 +232,12 @@ class CompetingEffects:
     @property
     def memory(self) -> bool:
         """Whether a row depends on other instants too."""
-        return self.known.memory or any(form.source.memory for rival in self.competing for form in rival.forms)
+        return self.known.memory or any(form.source.memory for model in self.competing for form in model.forms)
 
     def worth(self, information: Array) -> float:
-        """Minus the expected log Bayes factors, nats, each up to twice what tells, for it scatters about that.
+        """Minus the sum of expected log Bayes factors, nats, each limited to twice the decisive value.
 
-        A hypothesis that is a special case of another is never told clearly from it, and must not hold up the others.
+        The limit keeps one pair from outweighing the others; the factor two allows for scatter.
         """
         factors = expected_factors(self._beliefs, information)
         return -float(np.minimum(factors, 2.0 * TUNING.telling * LN10).sum())
@@ -249,31 +249,31 @@ class CompetingEffects:
 
     @cached_property
     def _beliefs(self) -> list[tuple[Belief, list[Belief]]]:
-        """Of each pair, what is true, and what the forms of the other one hold after the earlier recording."""
+        """Of each pair, the true belief, and those of the alternative's forms after the earlier recording."""
         truths = self._truths
         return [(truths[a.name], [self._after(form, truths[a.name]) for form in b.forms]) for a, b in self.pairs]
 
     @cached_property
     def _truths(self) -> dict[str, Belief]:
-        """What is true where each of the hypotheses is.
+        """The true belief under each hypothesis, by name.
 
-        Where the result has found one of them, another one has looked to the earlier recording as that one did.
+        Where the result includes one of them, each other one is fitted to the efforts which that one predicts.
         """
-        found = next(((rival.forms[0], rival.own) for rival in self.competing if rival.own is not None), None)
+        found = next(((model.forms[0], model.own) for model in self.competing if model.own is not None), None)
         truths = {}
-        for rival in self.competing:
-            if rival.own is None and found is not None:
+        for model in self.competing:
+            if model.own is None and found is not None:
                 seen = self._of(*found)
-                truths[rival.name] = max((self._after(form, seen) for form in rival.forms), key=lambda one: one.fit)
+                truths[model.name] = max((self._after(form, seen) for form in model.forms), key=lambda one: one.fit)
             else:
-                form = rival.forms[len(rival.forms) // 2]
-                form = form if rival.own is None else replace(rival.forms[0], mean=rival.own)
-                truths[rival.name] = self._after(form, self._of(form, form.mean))
+                form = model.forms[len(model.forms) // 2]
+                form = form if model.own is None else replace(model.forms[0], mean=model.own)
+                truths[model.name] = self._after(form, self._of(form, form.mean))
         return truths
 
-    def best_fit(self, form: CompetingForm, rival: CompetingModel) -> float:
+    def best_fit(self, form: CompetingForm, model: CompetingModel) -> float:
         """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
-        return max(self._after(form, self._truths[one.name]).fit for one in self.competing if one is not rival)
+        return max(self._after(form, self._truths[one.name]).fit for one in self.competing if one is not model)
 
     def _of(self, form: CompetingForm, amplitudes: Array) -> Belief:
         """A form before the earlier recording, about some amplitudes (p,)."""
@@ -300,9 +300,9 @@ def make_competing(
     Args:
         known: the result.
         keys: effects and joints (from 1), two or more.
-        earlier: N instants of the motion of the result's log, evenly thinned; None where it is not at hand.
-        reference: a motion on which forms are made where the earlier one is not at hand.
-        changed: of these, hypotheses that a term has changed which the model had before.
+        earlier: N instants of the motion of the result's log, evenly thinned; None if not given.
+        reference: a motion on which forms are made if the earlier one is not given.
+        changed: those of them that change a term which the model already had.
 
     Raises:
         InputError: an effect is not in the catalogue, or has no form in these joints.
@@ -315,19 +315,19 @@ def make_competing(
     bare, found = _without(known, [key for key in keys if key not in changed])
     prior = bare.precision if earlier is None else _before(known, bare, earlier)
     bare = _unstepped(bare.undelayed, [changed[key] for key in steps])
-    competing = _rivals(bare, keys, found, steps, reference if earlier is None else earlier)
+    competing = _competing(bare, keys, found, steps, reference if earlier is None else earlier)
     size = competing[-1].forms[-1].columns[-1] + 1
     made = CompetingEffects(bare, competing, np.zeros((size, size)), prior)
     if earlier is not None:
-        for rival in competing:
-            if rival.key in steps:
-                prior = _without_step(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
+        for model in competing:
+            if model.key in steps:
+                prior = _without_step(prior, bare, list(changed[model.key]), model.forms[0].sd)
         recorded = information_of(made.columns(earlier), bare.weights(earlier))
         made = replace(made, recorded=recorded, prior=prior)
-    return _likeliest(made)
+    return _best_fitting(made)
 
 
-def _rivals(
+def _competing(
     bare: Known,
     keys: Sequence[EffectKey],
     found: Mapping[EffectKey, tuple[Effect, Array]],
@@ -357,12 +357,12 @@ def _rivals(
 def _placed(place: int, competing: Sequence[CompetingModel]) -> tuple[CompetingModel, ...]:
     """With the columns of one form behind those of the other."""
     placed = []
-    for rival in competing:
+    for model in competing:
         forms = []
-        for form in rival.forms:
+        for form in model.forms:
             forms.append(replace(form, columns=np.arange(place, place + len(form.sd))))
             place += len(form.sd)
-        placed.append(replace(rival, forms=tuple(forms)))
+        placed.append(replace(model, forms=tuple(forms)))
     return tuple(placed)
 
 
@@ -393,7 +393,8 @@ def _without_step(prior: Array, bare: Known, parameters: Sequence[str], sd: Arra
 def _before(known: Known, bare: Known, earlier: Motion) -> Array:
     """(r, r) inverse covariance of the quantities before the earlier recording, by what is known beside it.
 
-    What the recording tells is taken from what is known now; where it tells all of it, next to nothing was known.
+    The recording's information is subtracted from the present one; `TUNING.wider` limits the earlier standard
+    deviation.
     """
     left, directions = _left(known.precision, known.information(earlier))
     covariance = (directions / left) @ directions.T
@@ -450,27 +451,27 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
     return bare, found
 
 
-def _likeliest(made: CompetingEffects) -> CompetingEffects:
-    """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
+def _best_fitting(made: CompetingEffects) -> CompetingEffects:
+    """The forms of each hypothesis that fit the earlier recording best; without one, evenly spaced forms."""
     r, chosen = len(made.known), [replace(one, forms=tuple(_chosen(made, one))) for one in made.competing]
-    kept = np.concatenate([np.arange(r), *(form.columns for rival in chosen for form in rival.forms)])
+    kept = np.concatenate([np.arange(r), *(form.columns for model in chosen for form in model.forms)])
     return replace(made, competing=_placed(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
 
 
-def _chosen(made: CompetingEffects, rival: CompetingModel) -> list[CompetingForm]:
-    """As many forms as are looked at; the one that the result has found is the first of them."""
-    forms, first = list(rival.forms), int(rival.own is not None)
+def _chosen(made: CompetingEffects, model: CompetingModel) -> list[CompetingForm]:
+    """At most `TUNING.most_forms` forms; the one in the result comes first."""
+    forms, first = list(model.forms), int(model.own is not None)
     if len(forms) <= TUNING.most_forms:
         return forms
     if not made.recorded.any():
         return [forms[k] for k in np.unique(np.linspace(0, len(forms) - 1, TUNING.most_forms).astype(int))]
-    fits = [made.best_fit(form, rival) for form in forms[first:]]
+    fits = [made.best_fit(form, model) for form in forms[first:]]
     best = np.sort(np.argsort(fits)[::-1][: TUNING.most_forms - first]) + first
     return [*forms[:first], *(forms[k] for k in best)]
 
 
 def inseparable(made: CompetingEffects, motion: Motion) -> list[tuple[str, str]]:
-    """Pairs that no motion tells apart: a rich one shows each in columns that the other has too."""
+    """Pairs that no motion distinguishes: on a rich one, the columns of each span those of the other."""
     columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), TINY)

@@ -1,8 +1,8 @@
-"""What a log's motion leaves undecided, before anything is identified: which coefficients, and whose signs.
+"""Which coefficients and signs a log's motion leaves undetermined, before anything is identified.
 
 Coefficients and whole joints are judged by the motion alone, for robots that are plausible (`Expectation`): no effort
 enters. Segments are judged by the log's own |effort|, equation (2) of `bayesid.excitation.resolvability`, with its RMS
-for the size of the noise. What is noise or unmodelled in it counts as effort, so this errs on the hopeful side.
+for the size of the noise. Noise and unmodelled effects in it count as effort, so the estimate is optimistic.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ class ExcitationAssessment(Excitation):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
+        """What the log leaves undetermined, and which motion determines it."""
         return tuple(_remarks(self))
 
     @property
     def light(self) -> Literal["green", "amber", "red"]:
-        """Red where a joint or its signs are left open, amber where less is, green where nothing is.
+        """Red if a joint or all its signs are undetermined, amber if less is, green otherwise.
 
-        What no motion shows is no fault of the log's.
+        What no motion can determine does not count.
         """
-        if _still(self) or _turned(self):
+        if _still(self) or _flippable(self):
             return "red"
         many = len(self.undecided) > TUNING.open * len(self.uncertainty)
         return "amber" if many or (self.doubtful > TUNING.doubtful).any() or _idle(self) else "green"
@@ -85,7 +85,7 @@ def assess_excitation(
     cutoff: float | None = None,
     rng: np.random.Generator | int | None = 0,
 ) -> ExcitationAssessment:
-    """Says what a log's excitation leaves undecided, without identifying anything.
+    """Assesses what a log's excitation leaves undetermined, without identifying anything.
 
     Args:
         robot: a robot, a built-in name or a file.
@@ -144,19 +144,19 @@ def assess_excitation(
     )
 
 
-# ---- In words ----
+# ---- Remarks ----
 def _still(judgement: ExcitationAssessment) -> list[int]:
     """0-based actuators that hardly move."""
     return np.flatnonzero((judgement.reach < TUNING.little) | (judgement.speed < TUNING.slow)).tolist()
 
 
 def _idle(judgement: ExcitationAssessment) -> list[int]:
-    """Others that often stand still."""
+    """Other actuators that are often at standstill."""
     return sorted(set(np.flatnonzero(judgement.idle > TUNING.idle).tolist()) - set(_still(judgement)))
 
 
-def _turned(judgement: ExcitationAssessment) -> list[tuple[int, ...]]:
-    """Groups of others whose signs could all be turned unnoticed; no group that holds another one."""
+def _flippable(judgement: ExcitationAssessment) -> list[tuple[int, ...]]:
+    """Minimal groups of other actuators whose signs can all be flipped with hardly a change of the fit."""
     flips, groups = judgement.joints, list[tuple[int, ...]]()
     if flips is None:
         return groups
@@ -174,31 +174,31 @@ def _remarks(judgement: ExcitationAssessment) -> Iterator[str]:
             f"joint {j + 1} covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} "
             f"{unit}/s: move it over most of its range, fast and slowly"
         )
-    for group in _turned(judgement):
+    for group in _flippable(judgement):
         yield (
-            f"the signs of {_joints(group)} could all be turned with hardly a change of the fit, only what is "
-            "physically feasible tells them: accelerate the joints at the same time, so that they load each other"
+            f"flipping all signs of {_joints(group)} hardly changes the fit; only physical feasibility excludes it: "
+            "accelerate the joints at the same time, so that they load each other"
         )
     for j in _idle(judgement):
-        yield f"joint {j + 1} stands still {judgement.idle[j]:.0%} of the time, which tells nothing: let it move on"
+        yield f"joint {j + 1} is at standstill {judgement.idle[j]:.0%} of the time: reduce pauses"
     undecided = {coefficients.names[i] for i in judgement.undecided}
     for term in model.terms:
         own = [parameter.name for parameter in term.parameters(model.robot) if parameter.name in undecided]
         if own:
-            designs = "`bayesid excite` designs a motion that tells"
-            remedy = designs if term.name == "rigid_body" else f"{term.shown_by} would tell"
+            designs = "`bayesid excite` designs a suitable motion"
+            remedy = designs if term.name == "rigid_body" else f"recommended motion: {term.shown_by}"
             kind = term.name.replace("_", " ")
             yield f"undecided at a noise of {judgement.noise:.0%} ({kind}): {', '.join(own)}; {remedy}"
     for j in np.flatnonzero(judgement.doubtful > TUNING.doubtful).tolist():
         yield (
             f"about {judgement.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments "
-            "that are short or weak: let its load change less often, and record longer"
+            "that are short or weak: use fewer sign changes of the torque, and record longer"
         )
     bodies = model.cone.bodies.ravel().tolist()
     for p in np.flatnonzero(np.abs(coefficients.projection).max(axis=0) > 0.0).tolist():
         if p not in bodies and p not in coefficients.selected:
             others = ", ".join(coefficients.names[i] for i in np.flatnonzero(coefficients.projection[:, p]))
-            yield f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart"
+            yield f"{model.parameters[p].name} is identifiable only in combination with {others}"
 
 
 def _joints(group: tuple[int, ...]) -> str:

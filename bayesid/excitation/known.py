@@ -1,14 +1,13 @@
-"""What a result knows of its quantities, and what one more recording would leave of their uncertainty.
+"""Posterior covariance of a result, and its prediction after one more recording.
 
 The R quantities are the model's base coefficients and, where gains were unknowns, the logarithms of the gains. They are
-normal about their values, with the inverse covariance L of the result (prior, cone and earlier logs included, as its
-draws have them) and a covariance M beside it for what the model may lack. A recording of information H leaves
+normally distributed with the inverse covariance L of the result, which includes prior, cone and earlier logs. A
+separate covariance M describes model error. After a recording of information H, the first covariance is
 
-    P = (L + H)^-1   (:eq:`next-covariance`)
+    P = (L + H)^-1.   (:eq:`next-covariance`)
 
-of the first. How much is left of M nobody knows beforehand: nothing where the model is right, all of it where the new
-recording feels what is lacking as the earlier one did. So there are two figures, P and P + M, and a motion is designed
-by the first, for no motion changes what a model lacks.
+M is zero if the model is right. All of it remains if the new recording is affected by the same model error. So there
+are two predictions, P and P + M. A motion is designed by P, as no motion changes the model error.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _NONE = 1e-9
 class Known:
     """R quantities of a result, and what a motion shows of them."""
 
-    model: Model  # robot and terms, without what sensors make of the efforts
+    model: Model  # robot and terms, without sensor distortions
     coefficients: BaseCoefficients  # its r base coefficients, the first of the quantities
     theta: Array  # (P,) its parameters
     names: tuple[str, ...]  # (R,) of the quantities; those of gains are log_gain1..n
@@ -52,7 +51,7 @@ class Known:
     model_error_covariance: Array  # (R, R) M
     gains: Integers  # (g,) 0-based joints whose gains are among the quantities
     density: Array  # (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance
-    supposed: bool = False  # nothing is known of some coefficients, and how plausible robots differ stands for a prior
+    supposed: bool = False  # whether the prior of some coefficients is the spread over random plausible robots
 
     def __len__(self) -> int:
         return len(self.names)
@@ -64,14 +63,14 @@ class Known:
 
     @property
     def undelayed(self) -> Known:
-        """The same of efforts at the instants of the motion, not some time later, when they are logged.
+        """The same without the delay of logged efforts.
 
-        That matters neither to what a motion from rest to rest tells nor to its limits, and a delay has a memory.
+        A delay changes neither the information of a motion from rest to rest nor its limits, but it keeps state.
         """
         return replace(self, model=self.model.undelayed)
 
     def columns(self, motion: Motion) -> Array:
-        """(N, n, R) N m per unit of each quantity: of readings that are made efforts by the gains as they are."""
+        """(N, n, R) N m per unit of each quantity, at the present gains."""
         every = self.model.columns(motion)
         columns = every[:, :, self.coefficients.selected]
         if not len(self.gains):
@@ -82,7 +81,7 @@ class Known:
         return np.concatenate([columns, of_gains], axis=2)
 
     def weights(self, motion: Motion) -> Array:
-        """(N, n) what each of the even samples of a motion counts for: nothing where its actuator rests."""
+        """(N, n) weight of each sample of an evenly sampled motion; zero where its actuator is at standstill."""
         actuators = self.model.robot.actuators(motion)
         moving: Mask = np.abs(actuators.dq) > actuators.standstill_speed
         return moving * (self.density * period_of(motion))
@@ -97,7 +96,7 @@ class Known:
 
     @cached_property
     def now(self) -> Array:
-        """(R, R) covariance as it is, with what the model may lack."""
+        """(R, R) present covariance, including model error."""
         return inverse_of(self.precision) + self.model_error_covariance
 
     @cached_property
@@ -112,7 +111,7 @@ class Known:
 
 
 def known_of(identified: IdentifiedModel, rate: float) -> Known:
-    """What an identified model knows; a recording to come, at a rate, Hz, is as noisy as the result's log."""
+    """Posterior of an identified model; the new recording, at a rate in Hz, has the noise of the result's log."""
     model, noise, draws = identified.model.before_sensors, identified.noise.with_time_of_model(rate), identified.draws
     base, density = base_coefficients(model), rate / (noise.sigma**2 * noise.autocorrelation)
     beta, precision, none = base.project(identified.theta), identified.precision, np.empty(0, dtype=np.int64)
@@ -189,8 +188,8 @@ def period_of(motion: Motion) -> float:
 def certain_share(known: Known, motion: Motion) -> float:
     """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
 
-    A segment's sign is doubtful where turning it costs little (:eq:`resolvability`), all that is known beforehand
-    counted as data. Segments end where effort or speed change their sign, and are turned one by one.
+    A segment's sign is doubtful where flipping it costs little (:eq:`resolvability`); prior information counts as data.
+    Segments end where effort or speed change their sign. They are flipped one by one.
     """
     columns, weights, r = known.columns(motion), known.weights(motion), len(known.coefficients)
     effort, speed = columns[:, :, :r] @ known.mean[:r], known.model.robot.actuators(motion).dq
@@ -204,36 +203,36 @@ def certain_share(known: Known, motion: Motion) -> float:
     return float((sure[moving] / np.maximum(whole[moving], TINY)).mean()) if moving.any() else 0.0
 
 
-# ---- What is open, and a next motion is to settle; and what no motion can tell ----
+# ---- Goal of the next motion ----
 @dataclass(frozen=True)
 class Goal:
-    """m sums of quantities that are to become known."""
+    """m linear combinations of quantities to be determined."""
 
     names: tuple[str, ...]  # (m,)
-    forms: Array  # (m, R) sums of the quantities
-    required_sd: Array  # (m,) standard deviations that are enough
-    never: tuple[str, ...] = ()  # sentences on what no motion can tell
+    forms: Array  # (m, R) coefficients of the combinations
+    required_sd: Array  # (m,) sufficient standard deviations
+    never: tuple[str, ...] = ()  # sentences on what is not identifiable
 
     def left(self, covariance: Array) -> Array:
-        """(m, m) covariance of the sums over what is wanted of them, of the quantities' (R, R)."""
+        """(m, m) covariance of the combinations over the required sd, from that of the quantities (R, R)."""
         forms = self.forms / self.required_sd[:, None]
         return forms @ covariance @ forms.T
 
     def spread(self, covariance: Array) -> float:
-        """The logarithm of det(1 + W^-1 F C F' W^-1): twice what is left to be told of the sums F.
+        """Log det(1 + W^-1 F C F' W^-1): twice the remaining information about the combinations F, in nats.
 
-        Of :eq:`next-information`. D-optimal, but that a sum which is known as well as it is wanted counts no more
+        See :eq:`next-information`. D-optimality, except that a combination known to its required sd hardly counts
         (Chaloner and Verdinelli, Bayesian Experimental Design: A Review, 1995, section 2.2).
         """
         left = self.left(covariance)
         return float(np.linalg.slogdet(np.eye(len(left)) + left)[1])
 
     def mean_variance(self, covariance: Array) -> float:
-        """Mean variance of the sums over what is wanted: A-optimal (ibid., section 2.3)."""
+        """Mean variance of the combinations over the required variance: A-optimality (ibid., section 2.3)."""
         return float(np.trace(self.left(covariance)) / len(self.required_sd))
 
     def gain(self, before: Array, after: Array) -> float:
-        """Nats that a recording tells of the sums, seen as well as they are wanted, from covariances (R, R) of it."""
+        """Information gain of a recording about the combinations, nats, from covariances (R, R) before and after it."""
         return 0.5 * (self.spread(before) - self.spread(after))
 
 
@@ -247,15 +246,16 @@ def open_coefficients(known: Known) -> list[int]:
 
 
 def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
-    """What is asked for.
+    """The goal for some names.
 
     Args:
         known: the result.
-        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; without any all that is open.
+        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; by default all
+            that are undetermined.
         payload: label of what the flange carries.
 
     Raises:
-        InputError: there is none of a name.
+        InputError: a name is unknown, or none of the quantities is identifiable.
     """
     parts = [_named(known, name, payload) for name in about]
     if not about:
@@ -264,7 +264,7 @@ def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
     names = [name for part in parts for name in part.names]
     never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
     if not names:
-        raise InputError("; ".join(never), field="about", remedy="name something that a motion can tell")
+        raise InputError("; ".join(never), field="about", remedy="name an identifiable quantity")
     first = [names.index(name) for name in dict.fromkeys(names)]
     forms, required_sd = (
         np.concatenate(each)[first] for each in zip(*((part.forms, part.required_sd) for part in parts), strict=True)
@@ -287,14 +287,14 @@ def _named(known: Known, name: str, payload: str) -> Goal:
     if name in coefficients.names:
         place = coefficients.names.index(name)
         behind = coefficients.expressions[place]
-        said = f"no motion can tell {name} by itself: efforts show {behind}, which is aimed at"
+        said = f"{name} is not identifiable alone, only the combination {behind}; this is the goal"
         return _of_places(known, [place], () if behind == name else (said,))
     if name in parameters:
         holding = _holding(known, [parameters.index(name)])
         if not holding:
-            return _of_places(known, [], (f"no motion can tell {name}: efforts do not depend on it",))
+            return _of_places(known, [], (f"{name} is not identifiable: efforts do not depend on it",))
         names = ", ".join(known.names[k] for k in holding)
-        said = f"no motion can tell {name} by itself: efforts show it in {names}, which are aimed at"
+        said = f"{name} is not identifiable alone, only the combinations {names}; these are the goal"
         return _of_places(known, holding, (said,))
     for term, places in zip(known.model.terms, known.model.places, strict=True):
         if name in (term.name, term.effect):
@@ -302,7 +302,7 @@ def _named(known: Known, name: str, payload: str) -> Goal:
     near = near_names(name, [*coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
     alike = [one for one in coefficients.names if one[:2] == name[:2]][:6] or coefficients.names[:6]
     remedy = f"name coefficients ({', '.join(alike)}, ..), effects, gains, payload or signs"
-    raise InputError(f"{name!r} is nothing of the model", field="about", remedy=f"{near} {remedy}".strip())
+    raise InputError(f"{name!r} is not a quantity of the model", field="about", remedy=f"{near} {remedy}".strip())
 
 
 def _holding(known: Known, places: slice | list[int]) -> list[int]:
@@ -312,18 +312,18 @@ def _holding(known: Known, places: slice | list[int]) -> list[int]:
 
 
 def _gains(known: Known) -> Goal:
-    """Ratios of gains to the first that is unknown; their common factor is no motion's."""
+    """Ratios of gains to the first unknown one; their common factor is not identifiable from a motion."""
     count, r = len(known.gains), len(known.coefficients)
     if not count:
-        return _of_places(known, [], ("the result's gains are exact: nothing is open of them",))
+        return _of_places(known, [], ("the result's gains are exact: nothing to estimate",))
     forms = np.zeros((count - 1, len(known)))
     forms[:, r] = -1.0
     forms[np.arange(count - 1), r + 1 + np.arange(count - 1)] = 1.0
     first = int(known.gains[0]) + 1
     names = tuple(f"gain{j + 1}/gain{first}" for j in known.gains[1:])
     never = (
-        "no motion can tell the common factor of the gains: a payload of known mass does (--payload KG~SD@LOG), or one "
-        "exact gain",
+        "no motion determines the common factor of the gains; a payload of known mass does (--payload KG~SD@LOG), or "
+        "one exact gain",
     )
     return Goal(names, forms, np.full(count - 1, KNOWN), never)
 
@@ -331,7 +331,7 @@ def _gains(known: Known) -> Goal:
 def _payload(known: Known, payload: str) -> Goal:
     labels = known.model.payloads
     if labels and not payload:
-        said = f"is known as {', '.join(labels)}, and the motion carries nothing"
+        said = f"the result has payloads {', '.join(labels)}, the motion has none"
         remedy = f"give the payload that is recorded with it, as {labels[0]}"
         raise InputError(said, "payload", remedy, field="about")
     terms, n = zip(known.model.terms, known.model.places, strict=True), known.model.robot.n_joints
@@ -339,7 +339,7 @@ def _payload(known: Known, payload: str) -> Goal:
     if own:
         return _of_places(known, _holding(known, [k for place in own for k in range(place.start, place.stop)]))
     never = (
-        "no motion can tell a payload from the last link: record once without it and once with it "
+        "a payload is not distinguishable from the last link in one recording: record once without and once with it "
         "(--payload LABEL@LOG, or `bayesid payload`)",
     )
     last = [k for k, one in enumerate(known.model.parameters) if one.joint == n and one.name[:1] in "mJ"]
@@ -347,19 +347,19 @@ def _payload(known: Known, payload: str) -> Goal:
 
 
 def _signs(known: Known) -> Goal:
-    """The efforts of any motion, by the directions in which the coefficients are most uncertain of what noise shows.
+    """Efforts of a random motion, as combinations of coefficients in units of the noise.
 
-    A sign is certain where the model's error of the effort is small beside it. The motions are random ones.
+    A sign is certain where the error of the predicted effort is small compared with the effort.
     """
     motion = usual_motion(known.model.robot)
     forms = root_of(known.information(motion) / (motion.t[-1] - motion.t[0])).T
     names = tuple(f"effort{k + 1}" for k in range(len(forms)))
-    never = ("what is learned of efforts hardly helps signs: over 291 simulated logs no design of motion has",)
+    never = ("motion design did not improve signs in 291 simulated logs",)
     return Goal(names, forms, np.full(len(forms), TUNING.sign), never)
 
 
 def usual_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:
-    """A random motion that uses the limits, over a duration, s, and stands for any motion."""
+    """A random motion within the limits, over a duration in s, used as the reference."""
     usual, rate = TUNING.usual_motion
     duration = usual if duration is None else duration
     t = np.linspace(0.0, duration, round(duration * rate) + 1)

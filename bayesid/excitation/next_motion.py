@@ -1,9 +1,9 @@
-"""The next motion: what to record so that what a result leaves open gets settled, and a motion that a robot can run.
+"""The next motion: a feasible motion whose recording determines most of what a result leaves undetermined.
 
-A result says how uncertain its coefficients are, and a discrepancy which effects its log cannot tell apart. Of all
-motions from rest to rest that a robot can run (`bayesid.excitation.splines`), the one is looked for whose recording
-tells most of that: by the information about chosen coefficients (`bayesid.excitation.known`) or by the Bayes factor
-between hypotheses (`bayesid.excitation.competing`). What will be known afterwards is said before anything is run.
+A result gives the uncertainty of its coefficients; a discrepancy gives the effects that its log cannot distinguish. The
+search covers motions from rest to rest that a robot can run (`bayesid.excitation.splines`). It maximises the
+information about chosen coefficients (`bayesid.excitation.known`) or the Bayes factor between hypotheses
+(`bayesid.excitation.competing`). The uncertainty after the recording is predicted before anything is run.
 """
 
 from __future__ import annotations
@@ -47,8 +47,7 @@ from bayesid.robot.collision import CollisionModel, NoShapes
 from bayesid.simulation.trajectories import MotionLimits
 
 _SUPPOSED = (
-    "the result knows nothing of some coefficients, not even a prior: how plausible robots differ stands for it "
-    "(identify without --no-posterior)"
+    "no prior for some coefficients; the spread over random plausible robots is used (identify without --no-posterior)"
 )
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
@@ -56,20 +55,20 @@ SPEEDS = (0.1, 0.3, 1.0)
 
 @dataclass(frozen=True)
 class PredictedKnowledge:
-    """What will be known after a recording."""
+    """Predicted uncertainty after a recording."""
 
     names: tuple[str, ...]  # (m,) of the coefficients, and of gains where they are unknown
     units: tuple[str, ...]  # (m,)
     mean: Array  # (m,) values now
     sd_now: Array  # (m,) standard deviations now
     sd: Array  # (m,) after the recording, if the model is right
-    sd_lacking: Array  # (m,) after it, if all that the model may lack is as it was
-    gain: float  # of information about the goal, nats; 0 where hypotheses are to be told apart
+    sd_lacking: Array  # (m,) after it, if all of the model error remains
+    gain: float  # of information about the goal, nats; 0 where hypotheses are to be distinguished
     log10_bayes_factors: dict[tuple[str, str], float]  # expected, of each hypothesis where it is true, against each
     certain_signs: float  # share of the |effort| in motion whose sign will be sure to 99 %
     open_now: int  # coefficients, and gains, known to less than `KNOWN` of their value
     open: int  # and after the recording, if the model is right
-    open_lacking: int  # and after it, if all that the model may lack is as it was
+    open_lacking: int  # and after it, if all of the model error remains
 
 
 @dataclass(frozen=True)
@@ -78,16 +77,16 @@ class NextExperiment:
 
     known: Known  #: the result that it was designed for
     trajectory: SplineTrajectory  #: the motion, exact at every instant
-    run: MotionSettings  #: how it is to be run, limits and start with one number for each joint
-    goal: Goal | None  #: what it settles; None where it tells hypotheses apart
-    competing: tuple[CompetingEffects, ...]  #: classes of hypotheses that it tells apart
-    predicted: PredictedKnowledge  #: what will be known after its recording
-    #: the same after a random motion within the same limits (but of efforts and collisions)
+    run: MotionSettings  #: settings, limits and start with one number for each joint
+    goal: Goal | None  #: what it determines; None where it distinguishes hypotheses
+    competing: tuple[CompetingEffects, ...]  #: classes of hypotheses that it distinguishes
+    predicted: PredictedKnowledge  #: uncertainty after its recording
+    #: the same after a random motion within the same limits, except those of efforts and collisions
     of_random: PredictedKnowledge
     feasibility: Feasibility  #: the limits that it keeps, by which its efforts are predicted
-    never: tuple[str, ...]  #: sentences on what no motion can tell, and on what the predictions rest
+    never: tuple[str, ...]  #: sentences on what is not identifiable, and on the assumptions of the predictions
     unchecked: tuple[str, ...]  #: sentences on what was not checked
-    slow: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, and so may be played
+    slow: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, so it may be played
     seconds: float  #: of the design
     correct: str | None = None  #: how the result's log was corrected as it was read: programs count as before that
 
@@ -95,10 +94,10 @@ class NextExperiment:
         after, now = self.predicted.open, self.predicted.open_now
         lines = [
             f"NextExperiment for {self.known.model.robot.name}: {self.run.duration:g} s at {self.run.rate:g} Hz",
-            f"coefficients  {now} of {len(self.predicted.names)} open now, {after} after its recording if the model is "
-            f"right, {self.predicted.open_lacking} at most ({self.of_random.open} after a random motion)",
+            f"coefficients  {now} of {len(self.predicted.names)} undetermined now, {after} after its recording if the "
+            f"model is right, {self.predicted.open_lacking} at most ({self.of_random.open} after a random motion)",
             *(
-                f"told apart    {true} from {other}: log10 Bayes factor {value:.1f}"
+                f"distinguished {true} from {other}: log10 Bayes factor {value:.1f}"
                 for (true, other), value in self.predicted.log10_bayes_factors.items()
             ),
             f"not checked   {'; '.join(self.unchecked) or 'nothing'}",
@@ -129,12 +128,12 @@ class NextExperiment:
 
     @property
     def clearance(self) -> CollisionModel | None:
-        """What tells collisions."""
+        """The collision model."""
         return shapes_of(self.run)
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """What was checked, a few words each."""
+        """What was checked."""
         limits, clearance = self.limits, self.clearance
         said = ["positions, velocities and accelerations at every instant"]
         if limits.jerk is not None:
@@ -158,17 +157,17 @@ def design_next(
     criterion: str = "D",
     progress: Progress | Show = SILENT,
 ) -> NextExperiment:
-    """Designs the motion whose recording settles most of what a result leaves open.
+    """Designs the motion whose recording determines most of what a result leaves undetermined.
 
     Args:
-        result: an identification, an identified model with its uncertainty, or a discrepancy, whose effects that its
-            log cannot tell apart are then told apart by default.
-        about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; without any all
+        result: an identification, an identified model with its uncertainty, or a discrepancy. By default a
+            discrepancy's indistinguishable effects are then distinguished.
+        about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; by default all
             coefficients that are not known to 10 %.
-        between: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3"), or classes of them.
-        run: duration, rate, start, limits and what tells collisions.
-        recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
-            be as open as before that log.
+        between: hypotheses to distinguish instead, as in ("stribeck_friction:3", "thermal_drift:3"), or classes.
+        run: duration, rate, start, limits and collision model.
+        recorded: the motion of the result's log, where the result is a model alone. Without it hypotheses are
+            assumed as undetermined as before that log.
         criterion: "D" for the information about all together, "A" for their mean variance.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
@@ -208,7 +207,7 @@ def design_next(
         never=(
             *([_SUPPOSED] if known.supposed else []),
             *(() if goal is None else goal.never),
-            *(f"no motion can tell {one} from {other}: efforts are the same under both" for one, other in alike),
+            *(f"{one} and {other} are not distinguishable: efforts are the same under both" for one, other in alike),
         ),
         unchecked=_unchecked(run, limits, assumed=unlimited),
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
@@ -224,8 +223,8 @@ def _check(known: Known, run: MotionSettings, criterion: str) -> None:
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
     if payload and payload not in known.model.payloads:
-        remedy = f"give one that it knows: {', '.join(known.model.payloads) or 'none'}"
-        raise InputError(f"the result knows no {payload!r:.60}", field="payload", remedy=remedy)
+        remedy = f"give one of its payloads: {', '.join(known.model.payloads) or 'none'}"
+        raise InputError(f"the result has no payload {payload!r:.60}", field="payload", remedy=remedy)
 
 
 def _taken(
@@ -249,7 +248,7 @@ def _taken(
 
 
 def _with_lacking(result: Identification) -> IdentifiedModel:
-    """The model with what it may lack by all draws of the posterior: those that it keeps are few."""
+    """The model with its model error from all draws of the posterior, not only the few that it keeps."""
     posterior, base = result.posterior, base_coefficients(result.model)
     if posterior is None or posterior.log_gain is not None:
         return result.identified
@@ -308,7 +307,7 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
 
 
 def shapes_of(run: MotionSettings) -> CollisionModel | None:
-    """What tells collisions; None where nothing does."""
+    """The collision model; None where there is none."""
     return None if isinstance(run.clearance, NoShapes) else run.clearance
 
 
@@ -320,7 +319,7 @@ def _search_of(
     feasibility: Feasibility,
     still: SplineTrajectory,
 ) -> MotionSearch:
-    """For a goal, or for hypotheses: all classes count, each pair of each up to where it is told clearly."""
+    """Search for a goal, or for hypotheses: each pair of each class counts up to a decisive Bayes factor."""
     to_keep = feasibility, still.basis, still.control[0], still.payload
     if goal is not None:
 
@@ -366,7 +365,7 @@ def _prediction(
 
 
 def _unchecked(run: MotionSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
-    usual = "the robot's own joint limits: usual ones are assumed, widened to where the log has been (--limits)"
+    usual = "the robot's own joint limits: default limits, extended to the log's range, are used (--limits)"
     said = [usual] if assumed else []
     if limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")

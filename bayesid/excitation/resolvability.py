@@ -1,30 +1,30 @@
-"""What a motion shows of signs and coefficients, for robots that are plausible before any log.
+"""How well a motion determines signs and coefficients, for random plausible robots.
 
-Of signs: how much worse a fit becomes when those of some efforts are turned. With the efforts of all joints in units of
-their noise, tau = Y beta, cut into segments of constant sign, the fit with the signs of a set F turned leaves, with
+For signs: how much worse a fit becomes when some of them are flipped. With the efforts of all joints in units of
+their noise, tau = Y beta, cut into segments of constant sign, the fit with the signs of a set F flipped leaves, with
 tau_F = tau on F and zero elsewhere and P = Y (Y'Y)^-1 Y',
 
     R_F = 4 |(1 - P) tau_F|^2                                                                                (1)
         = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                          (2)
 
-R_F is the *resolvability* of F (:eq:`resolvability`), and half of it the logarithm of the odds against the turned
+R_F is the *resolvability* of F (:eq:`resolvability`), and half of it the logarithm of the odds against the flipped
 signs. (2) needs moments alone, and those of joined segments add.
 
 - Noise of unit variance gives the difference of the costs, to first order, the standard deviation 2 sqrt(R_F). So
-  turned signs look better with a probability of about Phi(-sqrt(R_F) / 2).
-- The cone can only add: the true parameters lie inside it, so (1) is a lower bound of what turned signs cost.
+  flipped signs look better with a probability of about Phi(-sqrt(R_F) / 2).
+- The cone can only add: the true parameters lie inside it, so (1) is a lower bound of the cost of flipped signs.
 - R_F is that of the complement of F, and near zero if tau_F = Y beta' for some beta': a joint whose effort is its own
-  friction, rotor inertia and offset can be turned as a whole, and only the cone tells. What tells without it are
-  coefficients of rigid bodies that show in several joints at once.
+  friction, rotor inertia and offset can be flipped as a whole; only the cone excludes it. Coefficients of rigid bodies
+  that act on several joints at once exclude it without the cone.
 
-The *noise tolerance* nu (:eq:`noise-tolerance`) puts this in one number that no chosen noise enters: the noise,
+The *noise tolerance* nu (:eq:`noise-tolerance`) is one number that needs no chosen noise: the noise,
 relative to each joint's RMS effort, at which a tenth of the energy (of the squared efforts) would be expected to have
-the wrong sign if single segments and groups of joints were all that could be turned,
+the wrong sign if only single segments and groups of joints could be flipped,
 
     sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
 
-w_F the share of the energy in F or in its complement, whichever is less. It ranks motions and is no promise. Samples
-count as independent, but at most `TUNING.independent` a second: what a model leaves of an effort is coloured.
+w_F the share of the energy in F or in its complement, whichever is less. It ranks motions; it does not predict
+errors. At most `TUNING.independent` samples a second count as independent, as residuals are coloured.
 """
 
 from __future__ import annotations
@@ -48,26 +48,26 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
 
 WRONG = 0.1
-"""Share of the energy with a wrong sign at which the noise is more than a motion bears: a definition, equation (3)."""
+"""Share of the energy with a wrong sign at the noise tolerance: a definition, equation (3)."""
 
 
 @dataclass(frozen=True)
 class JointFlips:
-    """Groups of joints of which all signs can be turned at once."""
+    """Groups of joints of which all signs can be flipped at once."""
 
     groups: tuple[tuple[int, ...], ...]  # (G,) their 0-based actuators; single joints come first, in their order
-    share: Array  # (G,) of the energy that they hold, or all others if that is less
+    share: Array  # (G,) of the energy in them or in their complement, whichever is less
     resolvability: Array  # (G,) R of equation (1)
 
     @property
     def weakest(self) -> int:
-        """Place of the group that is the easiest to mistake."""
+        """Index of the group with the lowest resolvability."""
         return int(np.argmin(self.resolvability))
 
 
 @dataclass(frozen=True)
 class SegmentFlips:
-    """S segments whose signs can be turned one by one."""
+    """S segments whose signs can be flipped one by one."""
 
     joint: Integers  # (S,) 0-based actuator
     start: Integers  # (S,) first sample
@@ -77,15 +77,15 @@ class SegmentFlips:
 
     @property
     def doubtful(self) -> float:
-        """Expected share of the energy whose sign is wrong, were each segment turned by itself."""
+        """Expected share of the energy with the wrong sign, if each segment is flipped alone."""
         return float(self.share @ mistaken(self.resolvability))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
-    """What a motion shows, before anything is identified."""
+    """Excitation of a motion, before anything is identified."""
 
-    noise: float  #: relative to each joint's RMS effort, at which all this is meant
+    noise: float  #: relative to each joint's RMS effort, for which all this holds
     condition: float  #: condition number of the base regressor; inf if a coefficient is not shown
     uncertainty: Array  #: (r,) sd of each coefficient after a log of this motion, signs given, over its usual size
     #: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all signs
@@ -95,11 +95,11 @@ class Excitation:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients of which more than half of the usual size is left open."""
+        """Coefficients whose sd after the log is more than half of their usual size."""
         return tuple(np.flatnonzero(self.uncertainty > TUNING.decided).tolist())
 
 
-# ---- Turned signs ----
+# ---- Flipped signs ----
 def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
     """(m,) R of (2) from H^-1 (r, r), gradients g (m, r) and energies c (m,), all in units of the noise."""
     explained = np.einsum("mr,mr->m", gradient @ inverse, gradient)
@@ -107,13 +107,13 @@ def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
 
 
 def mistaken(resolvability: Array) -> Array:
-    """Probability that noise makes turned signs look better than the true ones, Phi(-sqrt(R) / 2)."""
+    """Probability that noise makes flipped signs look better than the true ones, Phi(-sqrt(R) / 2)."""
     probability: Array = ndtr(-0.5 * np.sqrt(resolvability))
     return probability
 
 
 def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) -> float:
-    """The noise that a motion bears, equation (3), relative to the RMS efforts, from what R is at some noise."""
+    """Noise tolerance, equation (3), relative to the RMS efforts, from R at some noise."""
     share = np.concatenate([joints.share, segments.share])
     resolved = np.concatenate([joints.resolvability, segments.resolvability])
 
@@ -135,7 +135,7 @@ def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, 
 
 
 def flip_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
-    """What turning groups of 0-based joints weighs for a robot with coefficients beta (r,), other signs right.
+    """Cost of flipping groups of 0-based joints for a robot with coefficients beta (r,), other signs right.
 
     The Gram matrices (n, r, r) of the joints' rows are in units of their noise.
     """
@@ -172,7 +172,7 @@ def expected_segments(
 
 
 def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
-    """What turning each segment of a motion weighs whose efforts (N, n) are known, N m.
+    """Cost of flipping each segment of a motion with known efforts (N, n), N m.
 
     Arguments as for `expected_segments`; each sample stands for so many independent ones, with noise sigma (n,), N m.
     """
@@ -183,7 +183,7 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
 
 
 def turn_measured(normal_equations: NormalEquations, start: Integers, end: Integers, weight: float) -> SegmentFlips:
-    """What turning each segment of a log weighs, from its own |effort|; signs that are known are left out.
+    """Cost of flipping each segment of a log, from its own |effort|; segments of known sign are left out.
 
     The moments of the log's S segments are in units of the noise; they begin and end at samples (S,), each of which
     stands for so many independent ones.
@@ -239,7 +239,7 @@ class Expectation:
     def joint_flips(
         self, grams: Array, sigma: Array, weight: float, groups: tuple[tuple[int, ...], ...]
     ) -> list[JointFlips]:
-        """(K) what turning groups of 0-based joints weighs for each of the robots.
+        """(K) cost of flipping groups of 0-based joints, for each of the robots.
 
         By Gram matrices (n, r, r), the robots' noise (K, n), and how many independent samples each sample stands for.
         """
@@ -249,8 +249,8 @@ class Expectation:
     def uncertainty(self, grams: Array, sigma: Array, weight: float) -> Array:
         """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.
 
-        It is that of the posterior (H + S^-2)^-1, S = diag(size), which has no singularity: 1 says that the log shows
-        nothing. The noise is that of the robots on average. Arguments as for `joint_flips`.
+        It is that of the posterior (H + S^-2)^-1, S = diag(size), which is never singular. 1 means no information
+        in the log. The noise is the mean over the robots. Arguments as for `joint_flips`.
         """
         hessian = np.einsum("j,jrs->rs", weight / np.mean(sigma**2, axis=0), grams)
         precision = self.size[:, None] * hessian * self.size + np.eye(len(self.size))
@@ -258,10 +258,10 @@ class Expectation:
 
 
 def expect(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()) -> Expectation:
-    """Draws robots that are plausible for a model; parameters that are believed take the place of drawn ones.
+    """Draws random plausible robots; stated prior means replace drawn parameters.
 
     Raises:
-        InputError: the model has no parameter of which something is believed.
+        InputError: the prior names a parameter that the model lacks, or a value cannot be used.
     """
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
     drawn = np.array([random_parameters(model, rng=rng) for _ in range(TUNING.sized)])
@@ -284,7 +284,7 @@ def joint_grams(columns: Array) -> Array:
 
 
 def condition_of(grams: Array) -> float:
-    """Condition number of all joints' rows together, from their Gram matrices; inf where it cannot be told from it."""
+    """Condition number of all joints' rows together, from their Gram matrices; inf where it is numerically singular."""
     log_condition = log_condition_of(grams.sum(axis=0))
     return float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf
 

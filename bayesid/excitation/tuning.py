@@ -1,4 +1,4 @@
-"""Numbers of this package that are choices."""
+"""Chosen constants of this package."""
 
 from __future__ import annotations
 
@@ -7,110 +7,112 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Choices; `TUNING` holds those in use.
+    """Constants of this package; `TUNING` holds those in use.
 
     Many of them were halved and doubled (`python -m bayesid.studies.ablation excitation`). A motion designed for UR10e
-    has other segments with another `robots`, `starts`, `rise` or `usual_motion`; what else changed a decision says so.
+    has other segments with another `robots`, `starts`, `rise` or `usual_motion`. Others that changed a decision
+    say so.
     """
 
     # what a motion shows
     independent: float = 20.0
-    """1/s, samples that count as independent, at most: what a model leaves of efforts lasts so long. Halved or doubled,
-    a designed motion leaves other coefficients undecided."""
+    """1/s, most independent samples per second, as residuals are correlated. Halved or doubled, a designed motion
+    leaves other coefficients undetermined."""
     largest_group: int = 3
-    """Joints turned at once: for up to seven joints all groups, as a group and its complement are the same."""
+    """Most joints flipped together. For up to seven joints this covers all groups, as complements are equivalent."""
     robots: int = 3
-    """For which a motion is designed and judged; each costs as much as the first."""
+    """Random robots for which a motion is designed and assessed; time is proportional to their number."""
     sized: int = 24
-    """Robots from which a coefficient's usual size is taken: it is known to 1 / sqrt(48), 15 %."""
+    """Random robots that give the usual size of a coefficient, with a relative error of 1 / sqrt(48), 15 %."""
     decided: float = 0.5
-    """Of its usual size, a coefficient's standard deviation where the log decides it: two of them from zero."""
+    """Standard deviation of a determined coefficient over its usual size, at most: two of them from zero."""
     judged: int = 2000
-    """Instants, at most, at which a finished motion is judged."""
+    """Most instants at which a finished motion is assessed."""
 
-    # judgement of a log, from which on something is worth a word
+    # thresholds of the remarks on a log
     little: float = 0.2
-    """rad (m): a joint that covers less hardly moves."""
+    """rad (m), range below which a joint hardly moves."""
     slow: float = 0.1
-    """rad/s (m/s): a joint that is never faster hardly moves."""
+    """rad/s (m/s), highest speed below which a joint hardly moves."""
     idle: float = 0.5
     """Share of the time at standstill."""
     mistaken: float = 0.01
     """Probability of a wrong sign."""
     open: float = 0.25
-    """Share of undecided coefficients under a green light: products of inertia are small everywhere."""
+    """Largest share of undetermined coefficients for green; products of inertia are small in all robots."""
     doubtful: float = 0.05
     """Share of a joint's energy with the wrong sign."""
 
     # splines
     spacing: float = 0.25
-    """s between knots: a joint may turn round every half second, as fast as usual arms may. Halved or doubled, the
-    next motion of UR10e leaves other questions open."""
+    """s between knots. A joint can reverse every half second, as fast as usual arms can. Halved or doubled, the next
+    motion of UR10e leaves other coefficients undetermined."""
     fewest_knots: int = 4
-    """Of the shortest motion."""
+    """Least number of knots."""
     halves: int = 2
-    """Parts between two knots with coefficients of their own: bounds are too wide by 4, 9, 15 and 14 % of the range of
-    positions, velocities, accelerations and jerks at most then (`tests/excitation/test_splines.py`)."""
+    """Pieces per knot interval with their own coefficients; more give tighter bounds. With two, bounds exceed
+    positions, velocities, accelerations and jerks by at most 4, 9, 15 and 14 % of the range
+    (`tests/excitation/test_splines.py`)."""
     per_swing: int = 4
-    """Knots of a designed motion in the period of its highest harmonic; with 2 condition numbers were higher."""
+    """Knots per period of the highest harmonic of a designed motion; 2 gave higher condition numbers."""
 
     # limits
     band: float = 4.0
-    """Standard deviations of the predicted effort within the limit: beyond lie 6e-5 of a normal distribution."""
+    """Standard deviations of the predicted effort within the limit; a normal distribution exceeds them with 6e-5."""
     fine: float = 0.005
-    """s between samples at which efforts are judged: with 10 ms bounds missed up to 0.9 % of them, with these none."""
+    """s between samples at which effort limits are checked; 10 ms missed up to 0.9 % of the effort, 5 ms nothing."""
     least_step: float = 1e-6
-    """Share of a step that is worth a try: a shorter one leads beyond a limit where the motion is, but for rounding."""
+    """Smallest share of a step that is tried; at a limit, shorter steps are rounding."""
 
     # search
     instants: float = 20.0
-    """1/s at which information is summed while searching: five a period of what the fastest spline does."""
+    """1/s, rate at which information is summed during the search."""
     per_knot: int = 20
-    """Of these instants, at most, between two knots."""
+    """Most of these instants between two knots."""
     starts: int = 8
-    """Random motions of which the best is the start."""
+    """Random motions, the best of which starts the search."""
     halvings: int = 8
-    """Of a random motion that is not possible, until it is given up."""
+    """Most halvings of an infeasible random motion before it is discarded."""
     rise: float = 1.0
-    """s in which a start leaves its pose, and comes back: as long as usual arms need."""
+    """s in which a random motion leaves its start pose, and returns to it: as long as usual arms need."""
     searches: int = 2
-    """From different random motions, the better of which counts: one a processor of a small machine."""
+    """Searches from different random motions, the best of which is used: one per core of a small machine."""
     kinds: tuple[float, float, float] = (0.6, 0.25, 0.15)
-    """How often a bump, a stretch of constant speed or a repetition is tried."""
+    """Probabilities of trying a bump, a stretch of constant speed or a repetition."""
     several: float = 0.3
-    """How often in several joints at once."""
+    """Probability of a change in several joints at once."""
     slowest: float = 1e-3
-    """Of the velocity limit, the slowest constant speed: a tenth of what counts as standing still."""
+    """Lowest constant speed over the velocity limit: a tenth of standstill."""
     widest: float = 0.4
-    """Of the motion, what a change may span."""
+    """Largest share of the motion that a change may span."""
     smallest: float = 1e-2
-    """Of the joint's range, the smallest bump."""
+    """Smallest bump over the joint's range."""
 
     # the next motion
     changes: int = 2500
-    """That a search tries for coefficients."""
+    """Changes that a search for coefficients tries."""
     telling_changes: int = 1000
-    """That a search tries for hypotheses, where a change costs more."""
+    """Changes that a search for hypotheses tries; each costs more."""
     whole: int = 4
-    """Of these one in so many where a row depends on the whole motion: each takes three to four times as long then."""
+    """Divisor of these numbers if rows depend on the whole motion: each change then takes 3 to 4 times as long."""
     most_recorded: int = 4000
-    """Instants of the earlier motion that are looked at."""
+    """Most instants of the earlier motion that are used."""
     usual_motion: tuple[float, float] = (20.0, 20.0)
-    """s and Hz of the random motion that stands for any."""
+    """s and Hz, duration and rate of the random reference motion."""
     chance: float = 1.1
-    """Times the largest eigenvalue of many draws by chance: what few have beyond it (Johnstone 2001)."""
+    """Factor on the largest eigenvalue expected by chance, for its fluctuation with few draws (Johnstone 2001)."""
     sign: float = 1.0
-    """Error of an effort, over its noise, that is wanted for its sign: noise says as much as the model then."""
+    """Required error of a predicted effort over its noise, for its sign; model and noise then contribute equally."""
 
     # hypotheses
     telling: float = 2.0
-    """Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""
+    """Log10 Bayes factor above which effects are distinguished: decisive (Jeffreys 1961, appendix B)."""
     wider: float = 10.0
-    """Times the standard deviation now, the largest before the earlier recording."""
+    """Largest standard deviation before the earlier recording, over the present one."""
     most_forms: int = 4
-    """Of a hypothesis that are looked at: time grows with them."""
+    """Most forms of a hypothesis; time grows with them."""
     shift: float = 1e-3
-    """Standard deviation of an effect's change without amplitude, which is as it is."""
+    """Standard deviation of the amplitude 1 of an effect's constant change; small, as it is fixed."""
 
 
 TUNING = Tuning()

@@ -40,7 +40,7 @@ class PlannedMotion:
     #: what was checked, a few words each, as "collisions of links"; for the heads of files
     checked: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = ()  #: what was not; the files say too what no plan can check
-    count: str = "as in the log and the model that the motion was planned with"  #: how positions count
+    count: str = "the convention of the log and the model that the motion was planned with"  #: convention of positions
     share: float = 1.0  #: of the planned speed at which `at` goes; 1 unless `slowed`
 
     @property
@@ -102,7 +102,7 @@ class PlannedMotion:
             f"duration: {self.duration:.9g} s, at {100.0 * self.share:.3g} % of the planned speed",
             f"checked: {'; '.join(self.checked) or 'nothing'}",
             f"NOT checked: {'; '.join(dict.fromkeys((*self.not_checked, *never)))}",
-            f"positions count {self.count}: compare one pose first",
+            f"positions follow {self.count}: compare one pose first",
             "made by bayesid; not run on a controller",
             *said,
         ]
@@ -187,8 +187,7 @@ def urscript(planned: PlannedMotion) -> str:
     head = planned.head(
         "#",
         "URScript program of the motion, rad",
-        f"a servoj each {1e3 * cycle:g} ms, which takes that long (t); the path lags by its lookahead time, "
-        f"{lookahead:g} s",
+        f"one servoj per {1e3 * cycle:g} ms cycle (t); the path lags by its lookahead time, {lookahead:g} s",
         "set the payload before; keep the speed slider at 100 %",
     )
     lines = [

@@ -1,17 +1,17 @@
-"""What changes while the robot runs: contacts, which are short, and changes of the robot, which last.
+"""Contacts, which are short, and changes of the robot, which last.
 
-A contact is an external torque beyond its threshold. A change is tested for in each joint by itself, by cumulative sums
-of the log likelihood ratio of residuals that are `Tuning.wider` times as wide as they should be (Page 1954)::
+A contact is an external torque above its threshold. Each joint is tested for a change separately, by cumulative sums of
+the log likelihood ratio of residuals with `Tuning.wider` times their expected sd (Page 1954)::
 
     S <- max(0, S + (z^2 / 2 (1 - 1 / w^2) - log w) / tau),
 
 z the residual over its sd, and tau the samples that count as one. S reaches h by chance once in e^h such samples, at
-most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has reached it, having grown
-for `Tuning.lasting` and often enough, is a change; what pushes for a moment does not last so long. Which kind of change
-it looks like is then said by least squares: each candidate is a few columns, the first moments and mass of a body on
-the flange for all joints, the direction of motion and the speed for friction of a joint, the model's effort itself for
-its gain. Signs are chosen anew under each candidate. The one with the best Bayesian information criterion on effective
-samples is named, if it leaves little of the misfit.
+most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has
+reached it, having grown for `Tuning.lasting` and often enough, is a change; a short push does not last so long. The
+change is classified by least squares. Each candidate is a few columns: first moments and mass of a body on the flange
+for all joints, direction of motion and speed for friction of a joint, the model's effort for its gain. Signs are chosen
+anew under each candidate. The candidate with the best Bayesian information criterion on effective samples is named, if
+it explains most of the misfit.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from bayesid.regression.noise import Noise
 PAYLOAD, FRICTION, GAIN, UNKNOWN = "payload", "friction", "gain", "unknown"
 CONTACT = "contact"
 _SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / TUNING.wider**2), float(np.log(TUNING.wider))
-"""What z^2 adds to a sum, and what each sample takes from it."""
+"""Weight of z^2 in the increment of a sum, and its constant decrement."""
 _SHOWS = float(np.sqrt(_SIZE / _SQUARE))
-"""z from which on a sum grows."""
+"""Smallest z at which a sum grows."""
 
 
 @dataclass
@@ -42,10 +42,10 @@ class Sums:
 
     sums: Array  # (n,) S
     since: Array  # (n,) s of motion since S was zero
-    shown: Array  # (n,) s of that in which S grew
+    shown: Array  # (n,) s of that time in which S grew
     began: Array  # (n,) when S left zero, s
     pushed: Mask  # (n,) whether an external torque is beyond its threshold
-    beyond: Mask  # (n,) whether it was so at the last sample: a single one may be an outlier
+    beyond: Mask  # (n,) the same at the last sample alone, which may be an outlier
 
     @classmethod
     def begin(cls, n: int) -> Sums:
@@ -55,7 +55,7 @@ class Sums:
 
 @dataclass(frozen=True)
 class ChangeTest:
-    """The tests, made ready."""
+    """The tests with their thresholds."""
 
     noise: Noise  # of the model's residual, N m
     rate: float  # of the samples, Hz
@@ -63,12 +63,12 @@ class ChangeTest:
 
     @cached_property
     def lasting_square(self) -> Array:
-        """(n,) variance of what the model lacks on another motion, (N m)^2."""
+        """(n,) variance of the model error on another motion, (N m)^2."""
         return np.asarray((TUNING.other_motion * self.noise.coloured) ** 2)
 
     @cached_property
     def deviations(self) -> float:
-        """Standard deviations of its threshold beyond which an external torque counts.
+        """Threshold of an external torque, in standard deviations.
 
         An observer of gain K has about K independent values a second.
         """
@@ -77,7 +77,7 @@ class ChangeTest:
 
     @cached_property
     def limit(self) -> float:
-        """Of a sum, h."""
+        """Threshold h of a sum."""
         return float(np.log(3600.0 * (self.rate * self.weight).sum() / self.false_alarms))
 
     @cached_property
@@ -95,7 +95,7 @@ class ChangeTest:
     def add(self, state: Sums, t: float, step: float, z: Array, moving: Mask) -> Mask:
         """(n,) which joints have changed, by one more sample at t, a step (s) after the one before.
 
-        Residuals z (n,) are over their width; joints that do not move (n,) say nothing. The state is changed.
+        Residuals z (n,) are divided by their sd; joints at standstill do not count. The state is updated in place.
         """
         size = np.abs(z)
         if max(size.tolist()) <= _SHOWS and not any(state.sums.tolist()):
@@ -111,16 +111,16 @@ class ChangeTest:
         return changed
 
     def forget(self, state: Sums, joints: Mask) -> None:
-        """Begins anew in some joints (n,): what shows again lasts."""
+        """Resets the sums of some joints (n,)."""
         state.sums, state.since, state.shown = np.where(joints, 0.0, [state.sums, state.since, state.shown])
 
     @cached_property
     def _most(self) -> float:
-        """That a sample adds to a sum: a push, which shows for twice its length, must not reach the limit."""
+        """Largest increment of a sum by one sample: a push, smoothed to twice its length, stays below the limit."""
         return self.limit / (TUNING.reached * self.rate)
 
     def push(self, state: Sums, external: Array, threshold: Array) -> Mask:
-        """(n,) which joints feel an external torque (n,), N m."""
+        """(n,) joints whose external torque (n,), N m, is above its threshold (n,)."""
         size = np.abs(external)
         beyond = size > threshold
         state.pushed = (beyond & state.beyond) | (state.pushed & (size > TUNING.release * threshold))
@@ -128,7 +128,7 @@ class ChangeTest:
         return state.pushed
 
 
-# ---- What a change looks like ----
+# ---- Classification ----
 @dataclass(frozen=True)
 class Look:
     """W samples of a window in which something has changed."""
@@ -152,16 +152,16 @@ class Look:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a change looks like."""
+    """Classification of a change."""
 
     name: str  # payload, friction, gain or unknown
-    joints: tuple[int, ...]  # (from 1) in which it shows
+    joints: tuple[int, ...]  # (from 1) that are affected
     amount: float | None  # kg of a payload, N m of dry friction, or share of a gain, by which they grew; None: unknown
     explained: float  # share of the misfit
 
 
 def kind_of(look: Look, changed: Mask) -> Kind:
-    """What a change that some joints (n,) show looks like."""
+    """Classifies a change in some joints (n,)."""
     joints = np.flatnonzero(changed).tolist()
     gain, payload = _fitted(look, PAYLOAD, list(range(len(changed))), look.body, 3)
     own = []
@@ -178,14 +178,14 @@ def kind_of(look: Look, changed: Mask) -> Kind:
 
 
 def _fitted(look: Look, name: str, joints: list[int], columns: Array, main: int) -> tuple[float, Kind]:
-    """By how much a candidate makes the window likelier, less what its freedom costs, and what it says.
+    """Log likelihood gain of a candidate minus the BIC penalty, and the classification.
 
-    It acts in some 0-based joints by columns (W, n', p), of which the main one has the coefficient that people read.
+    It acts on some 0-based joints by columns (W, n', p); the coefficient of the main one is reported.
     """
     effort, size = look.effort[:, joints], columns.shape[2]
     root = np.sqrt(look.weight[joints]) / look.width[:, joints]
     rows = (root[:, :, None] * columns).reshape(-1, size)
-    solver = inverse_of(rows.T @ rows) @ rows.T  # what this motion does not show stays at zero
+    solver = inverse_of(rows.T @ rows) @ rows.T  # coefficients that this motion does not excite stay zero
     predicted, change = effort, np.zeros(size)
     for _ in range(TUNING.passes):
         change = solver @ (root * (_nearest(look, joints, predicted) - effort)).ravel()
@@ -203,7 +203,7 @@ def _nearest(look: Look, joints: list[int], predicted: Array) -> Array:
 
 @dataclass
 class Ring:
-    """The newest rows of a table: an instant, s, and what was known of it."""
+    """Ring buffer: the newest rows of a table, each a time, s, and values."""
 
     rows: Array  # (R, C) the oldest at `count` modulo R; nan where there is none
     count: int = 0  # rows so far
@@ -215,13 +215,13 @@ class Ring:
         return cls(np.full((max(8, size), 1 + width), np.nan))
 
     def add(self, t: float, *parts: Array) -> None:
-        """One more row: an instant, s, and parts one after the other."""
+        """Adds a row: a time, s, and values one after the other."""
         row = np.concatenate([[t], *(part.ravel() for part in parts)])
         self.rows[self.count % len(self.rows), : len(row)] = row
         self.count += 1
 
     def since(self, start: float) -> Array:
-        """(R', C) the rows from an instant on, s, in their order."""
+        """(R', C) the rows from a time, s, on, in order."""
         rows = np.roll(self.rows, -(self.count % len(self.rows)), axis=0)
         return rows[rows[:, 0] >= start]
 
@@ -233,36 +233,36 @@ UNITS = {PAYLOAD: "kg", FRICTION: "N m", GAIN: "1"}
 
 @dataclass(frozen=True)
 class Alarm:
-    """Something that has happened."""
+    """A detected contact or change."""
 
     time: float  #: when it began, s
-    #: (from 1) the outermost that feels a contact, for it lies beyond; of a change the one that shows it most
+    #: (from 1) of a contact the outermost affected, of a change the one with the largest sum
     joint: int
     kind: str  #: contact, payload, friction, gain or unknown
-    joints: tuple[int, ...]  #: all that show it
-    raised: float  #: when it was said, s
-    duration: float | None = None  #: s, of a contact that is over; None of what lasts
+    joints: tuple[int, ...]  #: all that are affected
+    raised: float  #: when it was detected, s
+    duration: float | None = None  #: s, of a contact that has ended; otherwise None
     #: by how much payload, dry friction or gain have grown, kg, N m or a share; the largest external torque of a
-    #: contact, N m; None where nothing is known
+    #: contact, N m; None if unknown
     amount: float | None = None
     explained: float | None = None  #: share of the misfit that the kind explains; None of a contact
 
     def as_dict(self) -> dict[str, object]:
-        """What alarms.json holds of it."""
+        """Its entry in alarms.json."""
         return {**asdict(self), "joints": list(self.joints), "unit": UNITS.get(self.kind, "N m")}
 
 
 @dataclass
 class Alarms:
-    """State: what was raised, what goes on, and which joints a change has hold of."""
+    """State: alarms raised, the contact that goes on, and joints affected by a change."""
 
-    held: Mask  # (n,) joints of whose misfit a change is known
-    calm: Array  # (n,) s of motion in which they have shown none
-    before: list[Alarm] = field(default_factory=list)  # by a clock that was set back since: not to be compared
-    raised: list[Alarm] = field(default_factory=list)  # the last ones; a contact that became a change is not among them
+    held: Mask  # (n,) joints affected by a known change
+    calm: Array  # (n,) s of motion without misfit in them
+    before: list[Alarm] = field(default_factory=list)  # on a clock that was set back since: times are not comparable
+    raised: list[Alarm] = field(default_factory=list)  # the last ones, without contacts that became a change
     contact: Alarm | None = None  # the one that goes on
     latest: Alarm | None = None  # the latest change
-    look_again: float = np.inf  # when it is looked at again, s: what it is shows better the longer it has lasted
+    look_again: float = np.inf  # when it is classified again, s, from more samples
 
     @classmethod
     def begin(cls, n: int) -> Alarms:
@@ -271,11 +271,11 @@ class Alarms:
 
     @property
     def all(self) -> tuple[Alarm, ...]:
-        """Oldest first, as many as are remembered."""
+        """Oldest first, the last `TUNING.kept_alarms`."""
         return (*self.before, *self.raised)[-TUNING.kept_alarms :]
 
     def set_back(self) -> None:
-        """The clock was set back: nothing goes on by it; joints that a change has hold of stay held."""
+        """Ends contact and classification after the clock was set back; affected joints stay affected."""
         self.before, self.raised = [*self.all], []
         self.contact, self.latest, self.look_again = None, None, np.inf
 
@@ -299,10 +299,9 @@ class Alarms:
         return None
 
     def change(self, t: float, began: float, kind: Kind, changed: Mask, sums: Array) -> Alarm:
-        """A change, in whose place no contact of its joints since it began stands any more.
+        """Raises a change, which replaces contacts of its joints since its onset.
 
-        It is said at an instant, s, began when its first joint left the usual, s, and is shown by joints (n,), as
-        clearly as sums (n,) say.
+        Detected at time t, s; onset `began`, s: the first sum left zero. Joints (n,) are affected, with sums (n,).
         """
         those = np.full_like(changed, True) if kind.name == PAYLOAD else changed
         self.raised = [one for one in self.raised if not _within(one, began, those)]
@@ -315,11 +314,11 @@ class Alarms:
         return alarm
 
     def touched(self, since: float, joints: Mask) -> bool:
-        """Whether a contact of some joints (n,) has begun since an instant, s."""
+        """Whether a contact of some joints (n,) has begun since a time, s."""
         return any(_within(one, since, joints) for one in self.raised)
 
     def look(self, t: float, kind: Kind, changed: Mask, sums: Array) -> None:
-        """Says of the latest change what a longer look at it shows."""
+        """Classifies the latest change again, from more samples."""
         assert self.latest is not None
         better = _of_kind(self.latest, kind, changed, sums)
         if self.latest in self.raised:
@@ -329,7 +328,7 @@ class Alarms:
         self.latest, self.look_again = better, again if again < better.time + TUNING.longest else np.inf
 
     def release(self, step: float, sums: Array, moving: Mask) -> None:
-        """Lets go of joints that have been as usual for long enough."""
+        """Releases joints without misfit for `TUNING.calm`."""
         if not some(self.held):
             return
         calm = self.held & (sums == 0.0)
@@ -345,13 +344,13 @@ class Alarms:
 
 
 def _of_kind(alarm: Alarm, kind: Kind, changed: Mask, sums: Array) -> Alarm:
-    """An alarm as what a change looks like, shown by joints (n,), and how clearly (n,)."""
+    """An alarm with the classification of a change in joints (n,) with sums (n,)."""
     shown = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
     joint = max(shown, key=lambda j: sums[j - 1])
     return replace(alarm, joint=joint, kind=kind.name, joints=shown, amount=kind.amount, explained=kind.explained)
 
 
 def _within(alarm: Alarm, began: float, joints: Mask) -> bool:
-    """Whether an alarm is a contact of some joints (n,) that lasted up to an instant, s, or began since."""
+    """Whether an alarm is a contact of some joints (n,) that ended after the onset, s."""
     felt = bool(joints[[j - 1 for j in alarm.joints]].any())
     return alarm.kind == CONTACT and felt and alarm.time + (alarm.duration or 0.0) >= began

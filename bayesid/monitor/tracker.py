@@ -24,8 +24,7 @@ from bayesid.motion import STANDSTILL, Instant
 from bayesid.signs.filtering import Belief, SignFilter
 
 MOVING, REST, UNKNOWN = "moving", "rest", "unknown"
-"""States of a joint: at rest nobody knows friction's direction; unknown while there is too little to go by, or since
-the joint has changed."""
+"""States of a joint: the direction of friction is unknown at rest; "unknown": too few samples, or a change."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,12 @@ class TrackedSample:
     """What is known of n joints at an instant."""
 
     #: the instant, s: that of the oldest sample that is still waited for, which is the tracker's lag before the newest
-    #: one. At first, and after a gap, it stays that of the first sample for as long as it must be waited for, and of a
-    #: record that says nothing it is the sample of which nothing is known; nan before any sample could be used. It
-    #: never goes back, unless the clock was set back.
+    #: one. At first, and after a gap, it stays that of the first sample until the lag has passed. It is nan before any
+    #: sample could be used. It never decreases, unless the clock was set back.
     t: float
     probability: Array  #: (n,) P(sign = +) of the effort; 0 or 1 where it is signed, 0.5 where nothing is known
     effort: Array  #: (n,) the reading with its likelier sign, N m; nan where there is none
-    effort_sd: Array  #: (n,) sd of the effort about that, N m: by the doubt about its sign, and the sensor's noise
+    effort_sd: Array  #: (n,) sd of the effort about that, N m: from its uncertain sign and the sensor's noise
     predicted: Array  #: (n,) the model's effort, N m; nan before there are enough samples
     predicted_sd: Array  #: (n,) its sd, N m: by parameters and motion
     residual: Array  #: (n,) effort - predicted, N m
@@ -82,18 +80,18 @@ class Counts:
 
 @dataclass
 class TrackerState:
-    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker."""
+    """The whole state of a tracker: numbers and arrays, to be copied, pickled and handed to another tracker."""
 
     motion: MotionWindow  # the samples of the window
     observed: Observed  # the momentum and its observer
     sums: Sums  # of the tests for changes
     alarms: Alarms  # what was raised
     log: Ring  # the last seconds: q, measured dq and ddq, effort
-    looks: Ring  # what they looked like to the model now and then: parts of `bayesid.monitor.changes.Look`
+    looks: Ring  # subsampled inputs of the classification: parts of `bayesid.monitor.changes.Look`
     top_speed: Array  # (n,) highest speeds of the actuators so far, rad/s
     sd: Array  # (n,) of the model's effort by its parameters, N m
     origin: float  # when the stream began, s
-    looked: float = np.nan  # time of the instant looked at last, s
+    looked: float = np.nan  # time of the last instant evaluated, s
     at_rest: Array | None = None  # (n,) size of static friction, N m; None before the first instant
     belief: Belief | None = None  # about the model's error; None before the first instant
     readings: list[tuple[float, Array]] = field(default_factory=list)  # efforts of the newest samples, with their times
@@ -182,7 +180,7 @@ class SignTracker:
         return Counts() if self._state is None else replace(self._state.counts)
 
     def state(self) -> TrackerState | None:
-        """A copy of all that the tracker remembers; None before the first sample."""
+        """A copy of the tracker's state; None before the first sample."""
         return deepcopy(self._state)
 
     def restore(self, state: TrackerState | None) -> None:
@@ -207,7 +205,7 @@ class SignTracker:
             InputError: there are none.
         """
         n, rows = self.n_joints, np.empty((0, 1)) if self._state is None else self._state.log.since(since)
-        rows = rows[~np.isnan(rows[:, -n:]).any(axis=1)]  # an effort that was not read is none of zero
+        rows = rows[~np.isnan(rows[:, -n:]).any(axis=1)]  # a missing effort is not zero
         if self._state is None or not len(rows):
             raise InputError("no samples to make a log of", "window", "update the tracker first")
         dq = rows[:, 1 + n : 1 + 2 * n] if self._state.motion.velocities else None
@@ -311,7 +309,7 @@ class SignTracker:
         return replace(self._with_signs(*state.waiting.pop(0), found), alarms=alarms)
 
     def _with_signs(self, record: TrackedSample, reading: Array, held: Mask, probability: Array) -> TrackedSample:
-        """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
+        """A record with P(sign = +) (n,), pulled towards 0.5 where a change has made the model invalid."""
         probability = np.where(held, 0.5 + TUNING.trust * (probability - 0.5), probability)
         probability = np.where(self.signed & ~np.isnan(reading), reading >= 0.0, probability)
         effort = np.copysign(reading, probability - 0.5)
@@ -322,7 +320,7 @@ class SignTracker:
     def _observe(
         self, state: TrackerState, t: float, known: Array, here: AtInstant, square: Array, near_rest: Array
     ) -> Array:
-        """(n,) threshold of the external torque, N m, after one more sample with efforts (n,) whose sign is settled."""
+        """(n,) threshold of the external torque, N m, after one more sample with signed efforts (n,)."""
         lasting, white, bounded = np.sqrt(self._test.lasting_square + square), self._noise.white, near_rest
         if self._running.model.robot.transmission is not None:  # of actuators
             to_joints = self._running.to_joints
@@ -344,7 +342,7 @@ class SignTracker:
         if some(fresh):
             began = float(state.sums.began[fresh].min())
             kind = self._kind(state, began, fresh)
-            if kind.name == UNKNOWN and alarms.touched(began, fresh):  # what a push has stirred up passes
+            if kind.name == UNKNOWN and alarms.touched(began, fresh):  # a transient of a push
                 test.forget(state.sums, fresh)
             else:
                 raised.append(alarms.change(t, began, kind, fresh, state.sums.sums))
@@ -401,7 +399,7 @@ class SignTracker:
         return state.late[0] >= TUNING.set_back
 
     def _forget_times(self, state: TrackerState, ahead: float) -> None:
-        """Begins anew what was timed by a clock that has moved, s; what was raised stays."""
+        """Resets what was timed by the clock, which has moved by `ahead`, s; raised alarms stay."""
         state.origin += ahead  # what warms up with time goes on
         state.sums = Sums.begin(self.n_joints)
         state.log, state.looks = self._rings(state.motion)
@@ -462,5 +460,5 @@ def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, f
         remedy = f"give more than 0, and {TUNING.most_alarms:g} at most"
         raise InputError(f"{false_alarms:g} false alarms an hour", field="false_alarms", remedy=remedy)
     if payload and payload not in identified.model.payloads:
-        remedy = f"give one that it knows: {', '.join(identified.model.payloads) or 'none'}"
-        raise InputError(f"the model knows no payload {payload!r}", field="payload", remedy=remedy)
+        remedy = f"give one of its payloads: {', '.join(identified.model.payloads) or 'none'}"
+        raise InputError(f"the model has no payload {payload!r}", field="payload", remedy=remedy)

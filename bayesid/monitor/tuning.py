@@ -1,4 +1,4 @@
-"""Numbers that were chosen: how a stream is followed, what raises an alarm, and what is kept of a stream."""
+"""Chosen constants: tracking of a stream, alarms, and how much of a stream is kept."""
 
 from __future__ import annotations
 
@@ -7,101 +7,101 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """Choices of this package, with what each is for; `TUNING` holds those in use.
+    """Constants of this package; `TUNING` holds those in use.
 
     Many of them were halved and doubled (`python -m bayesid.studies.ablation monitor`). In a simulated stream an alarm
-    names another joint where `span`, `wider`, `lasting`, `reached` or `often` is doubled; what else changed a decision
-    says so.
+    names another joint where `span`, `wider`, `lasting`, `reached` or `often` is doubled. Other constants that
+    changed a decision say so.
     """
 
     # Samples and motion
     span: float = 0.12
-    """s of the window from which the motion is estimated: a longer one takes torques of one joint for those of
-    another, a shorter one is noisy."""
+    """s, window from which the motion is estimated. A longer one confuses torques of different joints, a shorter one is
+    noisy."""
     fewest_periods: float = 10.0
-    """Periods that the window spans at least: of fewer samples the noise is not known."""
+    """Least length of the window, in periods; fewer samples do not determine the noise."""
     spare: int = 2
-    """Samples more than the polynomial has coefficients, from which on it is used: it then averages something."""
+    """Least number of samples beyond the coefficients of the polynomial, so that it averages noise."""
     memory: float = 1.0
-    """s over which the size of the fit's residual is averaged."""
+    """s, time over which the RMS residual of the fit is averaged."""
     most_in_window: int = 400
-    """Samples of the window, for memory and time: of 0.2 s at 2 kHz."""
+    """Most samples of the window, to limit memory and time: 0.2 s at 2 kHz."""
     gap: float = 5.0
-    """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
+    """Periods without a sample after which the state is reset, as friction may have changed its direction."""
     set_back: int = 5
-    """Late samples in a row whose times go up that tell of a clock that was set back: as many as periods of a gap."""
+    """Late samples in a row with increasing times that indicate a clock set back: as many as periods of a gap."""
     fastest: float = 2e4
-    """Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
+    """Hz, highest accepted rate. No controller logs faster; a rate in mHz is refused."""
     farthest: float = 3.0
-    """Factor between a tracker's rate and that of a log's rows: beyond 5 every row comes after a gap."""
+    """Largest ratio of a tracker's rate to that of a log's rows; above 5 every row follows a gap."""
     looks: float = 20.0
-    """Hz at which the columns of the model are made: they cost as much as all the rest."""
+    """Hz, rate at which the columns of the model are evaluated; they cost as much as the rest of an update."""
     remembered: float = 20.0
-    """s that are remembered: as long as shorter logs from which robots are identified."""
+    """s, length of stream that is kept: that of a short log for identification."""
     most_remembered: int = 20_000
-    """Rows, for memory: the last 2 s at 10 kHz."""
+    """Most rows kept, to limit memory: the last 2 s at 10 kHz."""
 
     # The model near standstill
     slow: float = 5.0
-    """Speeds of standstill at which dry friction is looked at: it is then all there (tanh 5 = 1 - 1e-4)."""
+    """Speed at which dry friction is evaluated, over that of standstill; it is then saturated (tanh 5 = 1 - 1e-4)."""
     near_rest: float = 4.0
-    """Speeds of standstill up to which the direction of friction is in doubt."""
+    """Speed below which the direction of friction is uncertain, over that of standstill."""
     trust: float = 0.9
-    """How far a sign is believed whose joint has changed since its model was identified."""
+    """Factor on P(sign = +) - 0.5 of a joint that has changed since its model was identified."""
 
     # Contacts
     observer: float = 35.0
     """1/s, gain of the momentum observer (Haddadin et al. use 25 to 100); studied by `bayesid study tracking` alone."""
     release: float = 0.6
-    """Share of its threshold below which an external torque has ended: it may flicker about it."""
+    """Share of the threshold below which a contact ends; the hysteresis avoids repeated contacts."""
     flicker: float = 0.1
-    """s after which a contact that has ended is another one when it comes back."""
+    """s, longest interruption of one contact."""
     most_alarms: float = 3600.0
-    """False alarms an hour: one a second, with which nobody is served."""
+    """Highest accepted rate of false alarms per hour: one a second, too many to be useful."""
     timed: int = 100_000
-    """Updates whose times are remembered."""
+    """Most updates whose computing times are kept."""
     kept_alarms: int = 1000
-    """Alarms that are remembered: a stream may last for weeks."""
+    """Most alarms kept, to limit memory: a stream may last for weeks."""
 
     # Changes
     wider: float = 2.0
-    """How many times as wide a residual is that is tested for."""
+    """Ratio of the residual's sd after a change, in the tested hypothesis, to that before."""
     other_motion: float = 2.0
-    """Residual on another motion over that of the log a model was identified from. Halved or doubled, an alarm
-    names another joint in a simulated stream; doubled, another kind too."""
+    """Ratio of the residual's sd on another motion to that on the log of the identification. Halved or doubled, an
+    alarm names another joint in a simulated stream; doubled, another kind too."""
     largest: float = 6.0
-    """Standard deviations beyond which a residual says no more: a single outlier is no change."""
+    """Standard deviations at which residuals are clipped, so that a single outlier is not a change."""
     lasting: float = 0.6
-    """s of motion in which a change has shown, at least: three times as long as a push."""
+    """s, least time of motion in which the sum of a change grew: three times the length of a push."""
     reached: float = 0.6
-    """s over which a sum needs to grow to reach its limit, at least."""
+    """s, least time in which a sum can reach its limit."""
     often: float = 0.4
-    """Share of the motion since it began in which a change has shown, at least: pushes are none."""
+    """Least share of the motion since the onset in which the sum of a change grew; it excludes pushes."""
     shortest: float = 0.05
-    """s that count as one sample at least: what a model lacks changes with the motion, not from sample to sample."""
+    """s, least time per effective sample: model errors change with the motion, not from sample to sample."""
     highest: float = 1.25
-    """Of the sums, in limits: so that they come down again when a change is over."""
+    """Upper bound of the sums, over their limit, so that they decrease soon after a change is over."""
     calm: float = 2.0
-    """s of motion without a misfit after which a change is over."""
+    """s, time of motion without misfit after which a change is over."""
     again: float = 2.0
-    """A change is looked at again when it has lasted so many times as long."""
+    """Factor in the duration of a change between two classifications."""
     longest: float = 20.0
-    """s up to which it is looked at again: what is remembered."""
+    """s, duration up to which a change is classified again: that of the stream kept."""
     explained: float = 0.5
-    """Share of the misfit that a named kind explains at least. Doubled, no kind explains a misfit; halved, no alarm
+    """Least share of the misfit that a named kind explains. Doubled, no kind explains a misfit; halved, no alarm
     of a simulated stream changes."""
     passes: int = 4
-    """Fits of a kind, each with the signs of the one before it."""
+    """Least-squares fits of a kind, each with the signs of the previous one."""
 
     # Running identification
     pause: float = 0.5
-    """s; after a longer pause every stretch is a new one: a residual's correlation is not followed beyond."""
+    """s; after a longer pause all segments are new, as correlation across it is neglected."""
     clearly: float = 2.0
-    """Standard deviations of the noise within which |effort| may be zero, as in `bayesid.signs`."""
+    """Standard deviations of the noise below which |effort| may be zero, as in `bayesid.signs`."""
     least_doubt: float = 1e-3
-    """No sign is surer than this: strong stretches come before those that are weak and sure."""
+    """Least probability of a wrong sign (maximum log-odds), so that strong segments precede weak ones."""
     outliers: int = 3
-    """Samples up to which a stretch may be outliers alone: noise may have heavy tails."""
+    """Most samples of a segment that may consist of outliers alone, as noise may have heavy tails."""
 
 
 TUNING = Tuning()

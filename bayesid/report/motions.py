@@ -226,7 +226,9 @@ def planned(design: NextExperiment) -> PlannedMotion:
         checked=design.checked,
         not_checked=design.unchecked,
     )
-    return as_logged if design.correct is None else replace(as_logged, count=f"{_COUNT} ({design.correct})")
+    if design.correct is None:
+        return as_logged
+    return replace(as_logged, count=f"the convention of the uncorrected log ({design.correct})")
 
 
 def picture(design: NextExperiment) -> Any:

@@ -170,7 +170,7 @@ def simulate_log(
         InputError: duration, rate or noise cannot be used, or an effect cannot have its level.
     """
     ranges = (duration, "duration", 1.0, 1e5), (rate, "rate", 10.0, 1e4), (noise, "noise", 0.0, 1e2)
-    for value, name, least, most in ranges:  # wide, to catch slips of the pen
+    for value, name, least, most in ranges:  # wide, to catch typing errors
         if not least <= value <= most:
             raise InputError(f"{value:g} is out of range", field=name, remedy=f"give {least:g} to {most:g}")
     if duration * rate > 1e7:  # 1.4 GB of memory for six joints
@@ -234,7 +234,7 @@ def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Te
     variants = main_forms()[effect.name].variants(scene)
     forms = [form for form in variants if form.joints in ((), (effect.joint,))]
     if not forms:
-        raise _unreachable(effect, "it has no form in this joint and motion")
+        raise _unreachable(effect, "not applicable to this joint and motion")
     return forms[int(rng.integers(len(forms)))]
 
 

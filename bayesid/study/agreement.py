@@ -96,17 +96,17 @@ class Agreement:
         apart = f"; {absent} coefficient{' is' if absent == 1 else 's are'} not in every run's model" if absent else ""
         if not number:
             return f"the {k} runs cannot be compared: no coefficient is identifiable in two of them{apart}"
-        say, times = "their standard deviations predict", f"{self.factor:.1f} times as much"
+        times = f"{self.factor:.1f} times that expected from their standard deviations"
         of = f"(median of {number} coefficient{'s' * (number > 1)}, {k} runs)"
         differing = f"{int(self.differing.sum())} of {number} differ at 1 %"
         count = f"{differing}, chance alone gives {TUNING.level * number:.2g}{apart}"
         if self.factor > TUNING.alike:
             chance = "" if self.beyond_chance else ", which may be chance"
-            return f"the runs differ {times} as {say} {of}{chance}: {count}"
+            return f"scatter between runs is {times} {of}{chance}: {count}"
         if self.beyond_chance:
-            return f"some coefficients differ by more than {say}, though the typical one differs {times} {of}: {count}"
-        words = "as well as" if self.factor >= 1.0 / TUNING.alike else "better than"
-        return f"the runs agree {words} {say}, they differ {times} {of}: {count}"
+            return f"some coefficients differ significantly, but scatter between runs is {times} {of}: {count}"
+        words = "as expected" if self.factor >= 1.0 / TUNING.alike else "better than expected"
+        return f"the runs agree {words}: scatter between runs is {times} {of}; {count}"
 
 
 def agreement(runs: Sequence[Sequence[Row]]) -> Agreement:

@@ -41,7 +41,7 @@ class Outcome:
     index: int  #: which one
     value: Any  #: what the function returned; None if it did not
     error: str  #: type and text of what it raised; empty if it returned
-    died: bool = False  #: whether that is because workers died of it
+    died: bool = False  #: whether it failed because workers crashed on it
     seconds: float = 0.0  #: of wall time
     worker: str = ""  #: host and process that ran it
 
@@ -100,7 +100,8 @@ def _flow(
                     if died and deaths[index] < pool.attempts:
                         suspects.append(index)
                     else:
-                        said = f"WorkerDied: {deaths[index]} workers died of it" if died else _error_text(error)
+                        crashed = f"WorkerDied: {deaths[index]} workers crashed on this task"
+                        said = crashed if died else _error_text(error)
                         batch.append(Outcome(index, None, said, died=died))
             yield batch
 
@@ -249,7 +250,7 @@ class Cluster:
         return future
 
     def died(self, failure: BaseException) -> bool:
-        """Whether a task failed because workers died of it."""
+        """Whether a task failed because workers crashed on it."""
         from distributed import KilledWorker
 
         return isinstance(failure, KilledWorker)

@@ -75,7 +75,7 @@ def identify_each(
     progress: Progress | Show = SILENT,
     **options: Any,
 ) -> BatchResult:
-    """Identifies a robot from each log by itself; results stand in a folder for each, named like its log.
+    """Identifies a robot from each log by itself; results are saved in a folder for each, named like its log.
 
     Args:
         robot: a robot, a built-in name or a file.
@@ -116,7 +116,7 @@ def identify_each(
                 show("logs", len(done), len(jobs))
     except KeyboardInterrupt:
         saved = sum(not result.error for result in done.values())
-        kept = f"{saved} of {len(jobs)} results stand in {place}" if saved else "nothing was written"
+        kept = f"{saved} of {len(jobs)} results were saved in {place}" if saved else "nothing was written"
         raise KeyboardInterrupt(kept) from None
     runs = tuple(done[k] for k in range(len(jobs)))
     good = [result.coefficients for result in runs if not result.error]

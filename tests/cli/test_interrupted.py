@@ -79,7 +79,7 @@ def test_interrupted_between_logs(place, monkeypatch):
         return saved(result, folder, **options)
 
     monkeypatch.setattr(several_logs, "save_identification", save)
-    with pytest.raises(KeyboardInterrupt, match="1 of 2 results stand in each"):
+    with pytest.raises(KeyboardInterrupt, match="1 of 2 results were saved in each"):
         identify_each("arm.toml", ["a.csv", "b.csv"], "each", workers=0, report=False, posterior=False)
     assert left_in(place / "each") == ["a"]
     shutil.rmtree(place / "each")

@@ -247,7 +247,7 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     held = {name: np.pad(getattr(log, name), ((0, 1500), (0, 0)), "edge") for name in ("q", "effort")}
     resting = assess_excitation(model.robot, replace(log, t=np.arange(len(log) + 1500) / 50.0, **held), TERMS)
     np.testing.assert_allclose(resting.idle, 0.6, atol=0.05)
-    assert [remark[:7] for remark in resting.remarks if " stands still" in remark] == ["joint 1", "joint 2", "joint 3"]
+    assert [remark[:7] for remark in resting.remarks if " at standstill" in remark] == ["joint 1", "joint 2", "joint 3"]
 
 
 def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
@@ -255,7 +255,7 @@ def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
     trajectory = random_trajectory(1, 20.0, rng=3, periods=3)
     judgement = assess_excitation(model.robot, log_of(model, trajectory), TERMS)
     assert judgement.light == "red"
-    assert any("signs of joint 1 could all be turned" in remark for remark in judgement.remarks)
+    assert any("flipping all signs of joint 1" in remark for remark in judgement.remarks)
     signed = assess_excitation(model.robot, log_of(model, trajectory, signed=True), TERMS)
     assert signed.joints is None
     assert len(signed.segments.joint) == 0

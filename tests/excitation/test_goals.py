@@ -94,7 +94,7 @@ def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
 
 def test_a_payload_that_no_log_has_shown_is_the_last_link_s(known):
     goal = goal_of(known, ["payload"])
-    assert any("record once without it and once with it" in sentence for sentence in goal.never)
+    assert any("once with it" in sentence for sentence in goal.never)
     assert {"J3xx", "mc3x"} < set(goal.names)
     assert not {"Fc3", "Fv3"} & set(goal.names)
 
