@@ -159,13 +159,12 @@ def test_options_reach_the_identification(arm_place, monkeypatch):
     assert seen["preprocessing"] == bayesid.Preprocessing(cutoff=11.5)
     assert seen["posterior"] == bayesid.Sampling(budget=3.5, rng=8)
     assert seen["prior"].nominal == {"m2": (1.5, 0.25)}  # the other line has no sd
-    assert seen["prior"].kinematics.length == pytest.approx(3e-3)
-    assert seen["prior"].kinematics.angle == pytest.approx(np.radians(0.5))
+    assert (seen["prior"].length_sd, seen["prior"].angle_sd) == pytest.approx((3e-3, np.radians(0.5)))
     assert seen["complete"] == "only-uncertainty"
     assert seen["log"].signed.tolist() == [False, True, False]
     limits = "--search-budget", 2.5, "--beam-width", 3, "--time-limit", 9, "--kinematic-tolerance", "2cm, 1mrad"
     assert run(*identify(), *limits) == 130
-    assert (seen["prior"].kinematics.length, seen["prior"].kinematics.angle) == pytest.approx((0.02, 1e-3))
+    assert (seen["prior"].length_sd, seen["prior"].angle_sd) == pytest.approx((0.02, 1e-3))
     assert seen["search"] == bayesid.Certified(budget=2.5, time_limit=9.0, fallback=bayesid.Beam(width=3))
     assert seen["posterior"] == bayesid.Sampling(time_limit=9.0)
     assert run(*identify(), "--no-posterior") == 130

@@ -105,11 +105,11 @@ def test_limits_are_those_of_the_chosen_joints(place, monkeypatch, capfd):
         seen.update(named, robot=robot)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bayesid.cli.excite.design_excitation", spy)
+    monkeypatch.setattr("bayesid.cli.excite.design_for_robot", spy)
     for options in ((), ("--limits", "two arms.urdf")):
         assert run("excite", "--robot", "two arms.urdf", "--tip", "right2", *options) == 130
         assert [joint.name for joint in seen["robot"].joints] == ["lift", "right1", "right2"]
-        limits = seen["limits"]
+        limits = seen["settings"].limits
         assert (limits.lower[:2], limits.upper[:2]) == ((-1.5, -4.5), (1.25, 4.25))
         assert limits.velocity == (2.0, 2.3, 2.4)
     assert "not on the chain to right2" in capfd.readouterr().err

@@ -153,12 +153,12 @@ def test_the_command_finds_friction_that_grew_and_writes_json_time_line_and_repo
 
 def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys):
     for logs, robot, said in (
-        ([FIRST], True, "is one log"),
+        ([FIRST], True, "is a single log"),
         ([FIRST, SECOND], False, "give --robot"),
         ([FIRST, FIRST], True, "is given twice"),
         ([FIRST, "copy.csv"], True, "the same recording"),
         ([FIRST, "two.csv"], True, "has 2 joints"),
-        (["result", FIRST, SECOND], False, "2 logs beside a result"),
+        (["result", FIRST, SECOND], False, "2 logs with a result"),
         (["result", FIRST], True, "a result has its own robot"),
         ([FIRST, "result"], True, "is a folder"),
         ([FIRST, "nowhere.csv"], True, "no such file"),

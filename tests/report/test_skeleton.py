@@ -44,7 +44,7 @@ def test_links_are_drawn_where_they_are(name):
 
 
 def test_what_cannot_be_drawn():
-    for robot, q, says in (("kr55", None, "no such robot"), ("kr5", [0.0], "`q`: are no positions")):
+    for robot, q, says in (("kr55", None, "no such robot"), ("kr5", [0.0], "`q`: are not joint positions")):
         with pytest.raises(InputError, match=says):
             skeleton(robot, q)
 
