@@ -52,7 +52,7 @@ class ExcitationAssessment(Excitation):
 
     def __repr__(self) -> str:
         lines = [
-            f"ExcitationAssessment of {self.source}: {self.light}, condition number {self.condition:.1f}",
+            f"ExcitationAssessment of {self.source}: {self.state}, condition number {self.condition:.1f}",
             f"undecided  {len(self.undecided)} of {len(self.coefficients)} coefficients",
             *(f"- {remark}" for remark in self.remarks),
         ]
@@ -64,15 +64,15 @@ class ExcitationAssessment(Excitation):
         return tuple(_remarks(self))
 
     @property
-    def light(self) -> Literal["green", "amber", "red"]:
-        """Red if a joint or all its signs are undetermined, amber if less is, green otherwise.
+    def state(self) -> Literal["good", "look", "bad"]:
+        """`bad` if a joint or all its signs are undetermined, `look` if less is, `good` otherwise.
 
         What no motion can determine does not count.
         """
         if _still(self) or _flippable(self):
-            return "red"
+            return "bad"
         many = len(self.undecided) > TUNING.open * len(self.uncertainty)
-        return "amber" if many or (self.doubtful > TUNING.doubtful).any() or _idle(self) else "green"
+        return "look" if many or (self.doubtful > TUNING.doubtful).any() or _idle(self) else "good"
 
 
 @one_blas_thread
@@ -100,8 +100,8 @@ def assess_excitation(
 
     Example:
         >>> judgement = bayesid.assess_excitation("robot.toml", "log.csv", terms)
-        >>> judgement.light, round(judgement.condition)
-        ('green', 11)
+        >>> judgement.state, round(judgement.condition)
+        ('good', 11)
     """
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)

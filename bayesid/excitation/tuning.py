@@ -39,7 +39,7 @@ class Tuning:
     mistaken: float = 0.01
     """Probability of a wrong sign."""
     open: float = 0.25
-    """Largest share of undetermined coefficients for green; products of inertia are small in all robots."""
+    """Largest share of undetermined coefficients for good; products of inertia are small in all robots."""
     doubtful: float = 0.05
     """Share of a joint's energy with the wrong sign."""
 

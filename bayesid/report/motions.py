@@ -33,7 +33,6 @@ NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROG
 _COUNT = "as in the uncorrected log"
 _MODEL_COUNT = "this table, limits and --start as in the robot file"
 _RESOLVABILITY = "resolvability: twice the log odds against flipping all signs of the joint"
-_STATES: dict[str, State] = {"green": "good", "amber": "look", "red": "bad"}
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 
 
@@ -154,7 +153,7 @@ def judgement_text(judgement: ExcitationAssessment) -> str:
         for j in range(len(one.reach))
     ]
     lines = [
-        f"{one.source}: excitation is {one.light}",
+        f"{one.source}: excitation is {one.state}",
         table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
         f"doubtful: expected energy with a wrong sign; both at a noise of {one.noise:.0%}",
@@ -167,7 +166,7 @@ def judgement_text(judgement: ExcitationAssessment) -> str:
 
 def judgement_conclusion(judgement: ExcitationAssessment, design: str) -> Conclusion:
     """Whether the motion suffices; if not, the command that designs another."""
-    state = _STATES[judgement.light]
+    state: State = judgement.state
     sentences: dict[State, str] = {
         "good": "The motion excites all that a motion can",
         "look": "Some coefficients or signs are not determined",

@@ -230,7 +230,7 @@ def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):
 def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     series = random_trajectory(3, 20.0, rng=2, periods=4, limits=LIMITS)
     good = assess_excitation(model.robot, log_of(model, series), TERMS)
-    assert good.light == "green"
+    assert good.state == "good"
     exact = condition_number(model, good.coefficients, series.motion(np.arange(1001) / 50.0))
     assert good.condition == pytest.approx(exact, rel=0.05)
     assert good.doubtful.max() < 0.05
@@ -238,7 +238,7 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     bad = assess_excitation(
         model.robot, log_of(model, replace(series, sine=still * series.sine, cosine=still * series.cosine)), TERMS
     )
-    assert bad.light == "red"
+    assert bad.state == "bad"
     assert bad.reach[1] < 0.1
     assert [remark[:7] for remark in bad.remarks if " covers" in remark] == ["joint 2"]
     assert len(bad.undecided) > 0
@@ -254,16 +254,16 @@ def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
     model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
     trajectory = random_trajectory(1, 20.0, rng=3, periods=3)
     judgement = assess_excitation(model.robot, log_of(model, trajectory), TERMS)
-    assert judgement.light == "red"
+    assert judgement.state == "bad"
     assert any("flipping all signs of joint 1" in remark for remark in judgement.remarks)
     signed = assess_excitation(model.robot, log_of(model, trajectory, signed=True), TERMS)
     assert signed.joints is None
     assert len(signed.segments.joint) == 0
-    assert signed.light == "green"
+    assert signed.state == "good"
 
 
 @pytest.mark.real
 def test_a_real_log_of_the_ur10e_excites_well():
     judgement = assess_excitation("ur10e", real_log("ur10e/a_50s.csv"))
-    assert judgement.light == "green"
+    assert judgement.state == "good"
     assert 5.0 < judgement.condition < 30.0

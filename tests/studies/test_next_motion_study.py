@@ -29,8 +29,8 @@ def test_a_limit_that_is_broken_between_samples_is_seen():
     trajectory = SplineTrajectory(basis, control)
 
     def held(**limits):
-        run = SimpleNamespace(limits=replace(wide, **{"velocity": 1e6, "acceleration": 1e6, **limits}))
-        return kept_limits(truth, SimpleNamespace(trajectory=trajectory, run=run))
+        own = replace(wide, **{"velocity": 1e6, "acceleration": 1e6, **limits})
+        return kept_limits(truth, SimpleNamespace(trajectory=trajectory, limits=own))
 
     fastest, strongest, jerkiest = (np.abs(trajectory.bounds(order)).max() for order in (1, 2, 3))
     assert held(velocity=1.001 * fastest, acceleration=1.001 * strongest, jerk=1.001 * jerkiest)["motion_held"]

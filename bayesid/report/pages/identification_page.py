@@ -83,7 +83,7 @@ def identification_page(findings: ReportData, progress: Progress = SILENT) -> st
         _lead(findings),
         _about(findings),
         summary.warnings,
-        [html.section("checks", "Checks", html.lights(checks, {"look": "look at"}, places)), *sections],
+        [html.section("checks", "Checks", html.lights(checks, {}, places)), *sections],
     )
 
 
