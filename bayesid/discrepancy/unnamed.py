@@ -182,7 +182,7 @@ def _borne_out(
 
 
 def _helps(state: EffectSet, before: CrossValidation, learned: Hypothesis) -> bool:
-    """Whether a function is borne out by held-back data: by itself, not by what the other parameters do beside it.
+    """Whether held-back data confirm a function by itself, without changes of the other parameters.
 
     What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
     """

@@ -120,7 +120,7 @@ def design_for_robot(
     seed: int = 0,
     progress: Progress | Show = SILENT,
 ) -> ExcitationDesign:
-    """`bayesid.design_excitation` for a robot that nobody knows, or for a model, which has its own terms."""
+    """`bayesid.design_excitation` for a robot without a result, or for a model with its own terms."""
     progress = Progress.of(progress)
     known = robot.robot if isinstance(robot, Model) else robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(settings.limits, known)

@@ -1,4 +1,4 @@
-"""The public `design_excitation`: for a robot that nobody knows, or after a result."""
+"""The public `design_excitation`: for a robot without a result, or after one."""
 
 from __future__ import annotations
 
