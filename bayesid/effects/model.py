@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
-from importlib import import_module  # of what is built on models
 from itertools import pairwise
 from weakref import ref
 
@@ -270,8 +269,9 @@ class Model:
             >>> result.model.to_urdf(result.theta).splitlines()[1]
             '<robot name="arm">'
         """
-        text: str = import_module("bayesid.export").urdf(self, theta)
-        return text
+        from bayesid.export import urdf
+
+        return urdf(self, theta)
 
     def to_mjcf(self, theta: Array) -> str:
         """MJCF text, for MuJoCo: bodies, friction, rotor inertia, springs, gravity and motors; as `to_urdf`.
@@ -286,8 +286,9 @@ class Model:
             >>> result.model.to_mjcf(result.theta).splitlines()[1]
             '<mujoco model="arm">'
         """
-        text: str = import_module("bayesid.export").mjcf(self, theta)
-        return text
+        from bayesid.export import mjcf
+
+        return mjcf(self, theta)
 
     def _distorted(self, rows: Rows) -> Rows:
         for distortion in self.distortions:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from importlib import import_module  # of what is built on results
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +28,9 @@ from bayesid.regression.least_squares import Fit
 from bayesid.regression.prices import ConstraintPrice
 from bayesid.signs.model_selection import ModelSelection
 from bayesid.signs.search.protocol import SearchResult
+
+if TYPE_CHECKING:
+    from bayesid.report.findings import ReportData
 
 SURE = 0.99
 """Probability from which a sign counts as certain (README: of such samples at most 0.05 % are wrong)."""
@@ -133,10 +135,11 @@ class Identification(IdentifiedModel):
 
     def _repr_html_(self) -> str:
         """For notebooks: summary, checks and a figure."""
-        view: str = import_module("bayesid.report.pages.identification_page").identification_view(self)
-        return view
+        from bayesid.report.pages.identification_page import identification_view
 
-    def report_data(self) -> Any:
+        return identification_view(self)
+
+    def report_data(self) -> ReportData:
         """The arrays that figures and the report show (`bayesid.types.ReportData`).
 
         Example:
@@ -144,7 +147,9 @@ class Identification(IdentifiedModel):
             >>> data.prediction.predicted.shape
             (301, 3)
         """
-        return import_module("bayesid.report.findings").report_data(self)
+        from bayesid.report.findings import report_data
+
+        return report_data(self)
 
     def to_inference_data(self) -> Any:
         """The posterior as in posterior.nc: an `arviz.InferenceData`, from ArviZ 1.0 an `xarray.DataTree`.
@@ -156,7 +161,9 @@ class Identification(IdentifiedModel):
             >>> result.to_inference_data().posterior["beta"].dims
             ('chain', 'draw', 'coefficient')
         """
-        return import_module("bayesid.report.result_files").inference_data(self)
+        from bayesid.report.result_files import inference_data
+
+        return inference_data(self)
 
     @property
     def _about_signs(self) -> str:

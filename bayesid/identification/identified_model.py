@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module  # of what is built on results
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,6 +42,9 @@ from bayesid.motion import Motion
 from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.regression.noise import Noise
 from bayesid.robot import check_joints
+
+if TYPE_CHECKING:
+    from bayesid.report.findings import ReportData
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class IdentifiedModel:
         ]
         return "\n  ".join(lines)
 
-    def report_data(self) -> Any:
+    def report_data(self) -> ReportData:
         """The arrays that figures and the report show (`bayesid.types.ReportData`).
 
         Raises:
@@ -122,7 +124,9 @@ class IdentifiedModel:
         if not self.folder:
             remedy = "load it with bayesid.load(folder)"
             raise InputError("was not loaded from a result folder", self.model.robot.name, remedy)
-        return import_module("bayesid.report.findings").read_report_data(self.folder)
+        from bayesid.report.findings import read_report_data
+
+        return read_report_data(self.folder)
 
     def checks(self, validation: Validation | None = None) -> tuple[Check, ...]:
         """All checks of the identification, and those of a validation on another log if given.
@@ -131,10 +135,11 @@ class IdentifiedModel:
             >>> [check.name for check in result.checks() if check.state != "good"]
             ['Sampling', 'Intervals', 'Validation']
         """
+        from bayesid.report.verdicts import check_findings
+
         data = self.report_data()
         data = data if validation is None else data.with_validation(validation)
-        checks: tuple[Check, ...] = import_module("bayesid.report.verdicts").check_findings(data)
-        return checks
+        return check_findings(data)
 
     @property
     def knowledge(self) -> CoefficientPrior:

@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module  # of what is built on robots
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -26,6 +25,9 @@ from bayesid.files.bounded import LARGEST
 from bayesid.motion import Motion
 from bayesid.robot import inertia
 from bayesid.robot.tuning import TUNING
+
+if TYPE_CHECKING:
+    from bayesid.robot.collision import Capsules, CollisionModel, NoShapes
 
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
 
@@ -202,12 +204,12 @@ class Robot:
     def collision_model(
         self,
         rest: Array,
-        capsules: Any = None,
+        capsules: Capsules | None = None,
         *,
         floor: float | None = 0.0,
         margin: float = 0.01,
         folders: Sequence[str | Path] = (),
-    ) -> Any:
+    ) -> CollisionModel | NoShapes:
         """Collision model: capsules if given, else the shapes of the robot's URDF.
 
         Args:
@@ -230,8 +232,9 @@ class Robot:
             >>> robot.collision_model(motion.q[::20], capsules, floor=None).source
             'capsules of 0.03 m about the lines between the joints, no floor'
         """
-        make = import_module("bayesid.robot.collision").collision_model
-        return make(self, rest, capsules, floor, margin, folders)
+        from bayesid.robot.collision import collision_model
+
+        return collision_model(self, rest, capsules, floor, margin, folders)
 
     def same_kinematics(self, other: Robot) -> bool:
         """Whether both robots have equal kinematics and transmission (to 1e-6), so that a model fits both."""
