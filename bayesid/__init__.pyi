@@ -7,8 +7,8 @@ from .effects.model import Model as Model
 from .errors import BayesidError as BayesidError
 from .errors import InputError as InputError
 from .errors import SolverError as SolverError
+from .excitation.assessment import assess_excitation as assess_excitation
 from .excitation.designing import design_excitation as design_excitation
-from .excitation.judgement import assess_excitation as assess_excitation
 from .excitation.settings import MotionSettings as MotionSettings
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
@@ -34,6 +34,6 @@ from .signs.search.protocol import Search as Search
 from .simulation.logs import simulate as simulate
 from .simulation.parameters import random_parameters as random_parameters
 from .simulation.trajectories import random_trajectory as random_trajectory
-from .study.separate_logs import identify_each as identify_each
+from .study.batch import identify_each as identify_each
 
 __version__: str

@@ -1,8 +1,8 @@
 """The promised names of `bayesid.types`."""
 
 from .discrepancy.comparison import ChangeReport as ChangeReport
+from .excitation.assessment import ExcitationAssessment as ExcitationAssessment
 from .excitation.design import ExcitationDesign as ExcitationDesign
-from .excitation.judgement import ExcitationAssessment as ExcitationAssessment
 from .excitation.next_motion import NextExperiment as NextExperiment
 from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.payload import InertialParameters as InertialParameters
@@ -16,4 +16,4 @@ from .regression.stated import StatedParameters as StatedParameters
 from .report.findings import ReportData as ReportData
 from .robot.collision import Capsules as Capsules
 from .robot.collision import CollisionModel as CollisionModel
-from .study.separate_logs import BatchResult as BatchResult
+from .study.batch import BatchResult as BatchResult

@@ -30,9 +30,9 @@ from bayesid.cli.terminal import warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
-from bayesid.excitation.competing import Hypotheses, equivalent_classes, hypotheses_of
+from bayesid.excitation.assessment import ExcitationAssessment, assess_excitation
 from bayesid.excitation.design import design_for_robot
-from bayesid.excitation.judgement import ExcitationAssessment, assess_excitation
+from bayesid.excitation.hypotheses import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import design_next
 from bayesid.excitation.settings import MotionSettings
@@ -45,10 +45,10 @@ from bayesid.report.findings import read_report_data
 from bayesid.report.motions import (
     DESIGN_FILES,
     DESIGN_MARKER,
+    assessment_conclusion,
+    assessment_text,
     check_next_folder,
     design_text,
-    judgement_conclusion,
-    judgement_text,
     next_motion_text,
     save_design,
     save_next_motion,
@@ -103,9 +103,9 @@ def excite_command(options: argparse.Namespace) -> None:
         return
     with stages(options) as progress:
         judged = _judge(robot, options, progress)
-    conclusion = judgement_conclusion(judged, shlex.join(["bayesid", "excite", *given]))
+    conclusion = assessment_conclusion(judged, shlex.join(["bayesid", "excite", *given]))
     last = "" if conclusion.state == "bad" else f"next: {shlex.join([*_IDENTIFY, str(options.log), *given])}"
-    finish(options, judgement_text(judged), conclusion=conclusion, last=last)
+    finish(options, assessment_text(judged), conclusion=conclusion, last=last)
 
 
 def _refuse(options: argparse.Namespace, refused: Sequence[str], reason: str, remedy: str) -> None:

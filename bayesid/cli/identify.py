@@ -50,7 +50,7 @@ from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.study.agreement import text as agreement_text
-from bayesid.study.separate_logs import BatchResult, identify_each
+from bayesid.study.batch import BatchResult, identify_each
 
 _PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
 _PAYLOAD_REMEDY = "give tool1@loaded.csv, 2.8@loaded.csv or tool1:2.8~0.005@loaded.csv"

@@ -3,172 +3,34 @@
 Each hypothesis is the model without the effects in question, plus columns of one of them. Linear parameters are
 marginalised. Of the forms with other nonlinear parameters, the one that fits best counts, so the expected Bayes factor
 is that of the worst case.
-
-A belief M models efforts as X_M z_M, with z_M normal about m_M with inverse covariance L_M. A recording of information
-H leaves the covariance (L + H)^-1. Where A is true, the logarithm of its Bayes factor against B by the recording has
-the expectation (:eq:`next-bayes-factor`)
-
-    E log p(y | A) - E log p(y | B),
-    E log p(y | M) = c + (log det L_M - log det P_M - m_M' L_M m_M + h_M' P_M^-1 h_M + tr P_M^-1 S_M) / 2,
-    P_M = L_M + H_MM,  h_M = L_M m_M + H_MA m_A,  S_M = H_MA L_A^-1 H_AM + H_MM,
-
-the usual one of normal distributions (Lindley, On a measure of the information provided by an experiment, 1956).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy
-from scipy.linalg import cholesky, solve_triangular
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.discrepancy.numbers import CHANGE_OF
-from bayesid.effects import catalogue
-from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.known import Known, root_of
+from bayesid.excitation.bayes_factors import Belief, expected_factors
+from bayesid.excitation.gaussian_posterior import GaussianPosterior
+from bayesid.excitation.hypotheses import EXAMPLE, Changes
 from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import inverse_of
-from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, maker
 
 _RANK = 1e-6
 """Share of a column's length outside the span of others, above which it is linearly independent of them."""
-_REMEDY = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
-Changes = Mapping[EffectKey, Mapping[str, float]]
-"""Hypotheses that change parameters of a term, and by how much, where the result has found it."""
-Classes = tuple[tuple[EffectKey, ...], ...]
-"""Classes of hypotheses to be distinguished within each class, in the order of their names."""
-
-
-# ---- Which hypotheses ----
-@dataclass(frozen=True)
-class Hypotheses:
-    """Classes of effects to be distinguished, and those of them that are changes of a term."""
-
-    classes: Classes = ()
-    changed: Changes = field(default_factory=dict)
-
-
-def hypotheses_of(names: Sequence[str]) -> Hypotheses:
-    """One class by its names, as in ("stribeck_friction:3", "thermal_drift:3"); none of no names."""
-    return Hypotheses((tuple(map(parse_key, names)),) if names else ())
-
-
-def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: bool) -> Hypotheses:
-    """Hypotheses of a discrepancy that has found some effects.
-
-    Where no classes are named and they are asked for, the effects that its log could not distinguish are used.
-    """
-    changed: dict[EffectKey, dict[str, float]]
-    changed = {score.key: {} for added in found for score in added.competing if score.hypothesis.changes}
-    for added in found:
-        if names := added.hypothesis.changes:
-            changed[added.hypothesis.key] = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in names}
-    if asked and not classes:
-        classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found])
-    return Hypotheses(classes, changed)
-
-
-def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
-    joints = {score.hypothesis.effect: score.key[1] for score in reversed(added.competing)}  # the best of each name
-    return {name: joints.get(name) for name in added.equivalent}
-
-
-def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]]) -> Classes:
-    """Classes of hypotheses that a log could not distinguish.
-
-    Args:
-        found: of each effect that was found its name, its joints, and the effects that are equivalent with theirs. An
-            effect whose joints are not known acts in the same, or in the whole robot where it can in no joint alone.
-    """
-    whole = {name for name, kind in main_forms().items() if kind.acts_on == "robot"}
-
-    def placed(effect: str, joints: tuple[int, ...] | None, beside: tuple[int, ...]) -> EffectKey:
-        return effect, joints if joints is not None else () if effect in whole else beside
-
-    return tuple(
-        ((effect, joints), *(placed(one, where, joints) for one, where in others.items()))
-        for effect, joints, others in found
-        if others
-    )
-
-
-def parse_key(text: str) -> EffectKey:
-    """An effect and its joints, as in `stribeck_friction:3`.
-
-    Raises:
-        InputError: the effect is not in the catalogue, or a joint is not a whole number.
-    """
-    effect, *joints = text.strip().split(":")
-    if effect not in {kind.name.split(".")[0] for kind in catalogue.forms().values()}:
-        raise InputError(f"{effect!r} is not an effect of the catalogue", field="between", remedy=_REMEDY)
-    try:
-        return effect, tuple(int(joint) for joint in joints if joint)
-    except ValueError:
-        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=_REMEDY) from None
-
-
-# ---- Distributions under each hypothesis ----
-@dataclass(frozen=True)
-class Belief:
-    """A normal distribution of the coefficients of some columns."""
-
-    columns: Integers  # (q,) their places among all R
-    mean: Array  # (q,)
-    precision: Array  # (q, q) inverse covariance
-    fit: float = 0.0  # minus the penalised squared error of an earlier recording, up to a constant
-
-    @cached_property
-    def root(self) -> Array:
-        """(q, q) of the covariance: it is root root'."""
-        return root_of(inverse_of(self.precision))
-
-
-def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
-    """(pairs,) expected log Bayes factors, nats, of the true hypothesis against the best form of the alternative.
-
-    Args:
-        pairs: beliefs; those of the same columns have the same inverse covariance.
-        information: (R, R) of the recording to come, on all columns.
-    """
-    after: dict[bytes, tuple[Array, float]] = {}
-    shown: dict[int, Array] = {}
-
-    def log_evidence(held: Belief, true: Belief) -> float:
-        """E log p(y | held) where another belief is true, up to a common constant."""
-        key = held.columns.tobytes()
-        after[key] = after.get(key) or _after(held, information)
-        if id(true) not in shown:
-            shown[id(true)] = information[:, true.columns] @ np.column_stack([true.mean, true.root])
-        (half, size), before, pulls = after[key], held.precision @ held.mean, shown[id(true)][held.columns]
-        pulls[:, 0] += before
-        return 0.5 * (size - float(held.mean @ before) + float(((half @ pulls) ** 2).sum()))
-
-    own = {id(true): log_evidence(true, true) for true, _ in pairs}
-    others = [max(log_evidence(held, true) for held in forms) for true, forms in pairs]
-    return np.array([own[id(true)] for true, _ in pairs]) - others
-
-
-def _after(held: Belief, information: Array) -> tuple[Array, float]:
-    """(q, q) C with P^-1 = C' C, and log det L - log det P + tr P^-1 H."""
-    own = information[np.ix_(held.columns, held.columns)]
-    after = held.precision + own
-    scale = 1.0 / np.sqrt(np.diag(after))
-    root = cholesky(after * np.outer(scale, scale), lower=True, check_finite=False)
-    half = solve_triangular(root, np.diag(scale), lower=True, check_finite=False)
-    log_det = 2.0 * float(np.log(np.diag(root) / scale).sum())
-    return half, float(np.linalg.slogdet(held.precision)[1]) - log_det + float(((half @ own) * half).sum())
 
 
 @dataclass(frozen=True)
@@ -209,7 +71,7 @@ class CompetingModel:
 class CompetingEffects:
     """A class of competing hypotheses, and the result without them."""
 
-    known: Known  # the result without the effects in question
+    posterior: GaussianPosterior  # the result without the effects in question
     competing: tuple[CompetingModel, ...]  # at least two
     recorded: Array  # (R, R) information of the earlier recording on all columns; zero if not given
     prior: Array  # (r, r) inverse covariance of the coefficients before it, or now if it is not given
@@ -221,9 +83,9 @@ class CompetingEffects:
 
     def columns(self, motion: Motion) -> Array:
         """(N, n, R) those of the coefficients, then those of all forms."""
-        base = self.known.columns(motion)
-        effort = base @ self.known.mean
-        scene, parts = self.known.model.scene(motion, self.known.theta, effort, np.abs(effort)), [base]
+        base = self.posterior.columns(motion)
+        effort = base @ self.posterior.mean
+        scene, parts = self.posterior.model.scene(motion, self.posterior.theta, effort, np.abs(effort)), [base]
         for form in (form for model in self.competing for form in model.forms):
             shift, rows = form.source.change(scene)
             parts += [rows] if rows.shape[2] == len(form.columns) else [rows, shift[:, :, None]]
@@ -232,7 +94,7 @@ class CompetingEffects:
     @property
     def memory(self) -> bool:
         """Whether a row depends on other instants too."""
-        return self.known.memory or any(form.source.memory for model in self.competing for form in model.forms)
+        return self.posterior.memory or any(form.source.memory for model in self.competing for form in model.forms)
 
     def worth(self, information: Array) -> float:
         """Minus the sum of expected log Bayes factors, nats, each limited to twice the decisive value.
@@ -277,9 +139,9 @@ class CompetingEffects:
 
     def _of(self, form: CompetingForm, amplitudes: Array) -> Belief:
         """A form before the earlier recording, about some amplitudes (p,)."""
-        columns = np.concatenate([np.arange(len(self.known)), form.columns])
+        columns = np.concatenate([np.arange(len(self.posterior)), form.columns])
         precision = scipy.linalg.block_diag(self.prior, np.diag(form.sd**-2.0))
-        return Belief(columns, np.concatenate([self.known.mean, amplitudes]), precision)
+        return Belief(columns, np.concatenate([self.posterior.mean, amplitudes]), precision)
 
     def _after(self, form: CompetingForm, true: Belief) -> Belief:
         """A form after the earlier recording, in which the means of another belief were true."""
@@ -293,12 +155,16 @@ class CompetingEffects:
 
 # ---- How they come from a result ----
 def make_competing(
-    known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes | None = None
+    posterior: GaussianPosterior,
+    keys: Sequence[EffectKey],
+    earlier: Motion | None,
+    reference: Motion,
+    changed: Changes | None = None,
 ) -> CompetingEffects:
     """Hypotheses of a result.
 
     Args:
-        known: the result.
+        posterior: of the result.
         keys: effects and joints (from 1), two or more.
         earlier: N instants of the motion of the result's log, evenly thinned; None if not given.
         reference: a motion on which forms are made if the earlier one is not given.
@@ -312,8 +178,8 @@ def make_competing(
         raise InputError("takes two different hypotheses", field="between", remedy=remedy)
     changed = {key: step for key, step in (changed or {}).items() if key in keys}
     steps = {key: np.array(list(step.values())) for key, step in changed.items() if step}
-    bare, found = _without(known, [key for key in keys if key not in changed])
-    prior = bare.precision if earlier is None else _before(known, bare, earlier)
+    bare, found = _without(posterior, [key for key in keys if key not in changed])
+    prior = bare.precision if earlier is None else _before(posterior, bare, earlier)
     bare = _unstepped(bare.undelayed, [changed[key] for key in steps])
     competing = _competing(bare, keys, found, steps, reference if earlier is None else earlier)
     size = competing[-1].forms[-1].columns[-1] + 1
@@ -328,7 +194,7 @@ def make_competing(
 
 
 def _competing(
-    bare: Known,
+    bare: GaussianPosterior,
     keys: Sequence[EffectKey],
     found: Mapping[EffectKey, tuple[Effect, Array]],
     steps: Mapping[EffectKey, Array],
@@ -347,7 +213,7 @@ def _competing(
         forms = [CompetingForm.of(one) for one in made]
         if not forms:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
-            raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=_REMEDY)
+            raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=EXAMPLE)
         if own is not None:  # a term's parameters, or nothing beside the change that a distortion is
             amplitudes = np.concatenate([own[1], forms[0].mean[len(own[1]) :]])
         competing.append(CompetingModel(key, tuple(forms), amplitudes))
@@ -366,17 +232,17 @@ def _placed(place: int, competing: Sequence[CompetingModel]) -> tuple[CompetingM
     return tuple(placed)
 
 
-def _unstepped(known: Known, steps: Sequence[Mapping[str, float]]) -> Known:
+def _unstepped(posterior: GaussianPosterior, steps: Sequence[Mapping[str, float]]) -> GaussianPosterior:
     """The result with parameters as they were before they made some steps."""
-    names = [parameter.name for parameter in known.model.parameters]
-    theta, mean = known.theta.copy(), known.mean.copy()
+    names = [parameter.name for parameter in posterior.model.parameters]
+    theta, mean = posterior.theta.copy(), posterior.mean.copy()
     for name, step in (pair for one in steps for pair in one.items()):
         theta[names.index(name)] -= step
-    mean[: len(known.coefficients)] += known.coefficients.project(theta - known.theta)
-    return replace(known, theta=theta, mean=mean)
+    mean[: len(posterior.coefficients)] += posterior.coefficients.project(theta - posterior.theta)
+    return replace(posterior, theta=theta, mean=mean)
 
 
-def _without_step(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
+def _without_step(prior: Array, bare: GaussianPosterior, parameters: Sequence[str], sd: Array) -> Array:
     """The inverse covariance before, without the step of sd (p,) of parameters (`CoefficientPrior.widened`).
 
     Where that is all that was uncertain of a coefficient, a `TUNING.wider`th of its standard deviation is left.
@@ -390,16 +256,16 @@ def _without_step(prior: Array, bare: Known, parameters: Sequence[str], sd: Arra
     return (across / left) @ across.T
 
 
-def _before(known: Known, bare: Known, earlier: Motion) -> Array:
+def _before(posterior: GaussianPosterior, bare: GaussianPosterior, earlier: Motion) -> Array:
     """(r, r) inverse covariance of the quantities before the earlier recording, by what is known beside it.
 
     The recording's information is subtracted from the present one; `TUNING.wider` limits the earlier standard
     deviation.
     """
-    left, directions = _left(known.precision, known.information(earlier))
+    left, directions = _left(posterior.precision, posterior.information(earlier))
     covariance = (directions / left) @ directions.T
-    if bare is not known:
-        turn, r = _turn(known, bare.model), len(known.coefficients)
+    if bare is not posterior:
+        turn, r = _turn(posterior, bare.model), len(posterior.coefficients)
         covariance = turn @ covariance[:r, :r] @ turn.T
     return inverse_of(covariance)
 
@@ -411,33 +277,35 @@ def _left(matrix: Array, part: Array) -> tuple[Array, Array]:
     return np.clip(1.0 - shares, 1.0 / TUNING.wider**2, 1.0), directions
 
 
-def _turn(known: Known, model: Model) -> Array:
+def _turn(posterior: GaussianPosterior, model: Model) -> Array:
     """(r, R) what takes coefficients to those of the same model without some terms."""
-    names = [parameter.name for parameter in known.model.parameters]
+    names = [parameter.name for parameter in posterior.model.parameters]
     kept = [names.index(parameter.name) for parameter in model.parameters]
-    turn: Array = base_coefficients(model).projection @ np.linalg.pinv(known.coefficients.projection[:, kept])
+    turn: Array = base_coefficients(model).projection @ np.linalg.pinv(posterior.coefficients.projection[:, kept])
     return turn
 
 
-def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[EffectKey, tuple[Effect, Array]]]:
+def _without(
+    posterior: GaussianPosterior, keys: Sequence[EffectKey]
+) -> tuple[GaussianPosterior, dict[EffectKey, tuple[Effect, Array]]]:
     """The result without some effects, and those that it has: the effect and its amplitudes."""
-    model = known.model
+    model = posterior.model
     places = [*model.places, *(slice(0, 0) for _ in model.distortions)]
     found, kept = dict[EffectKey, tuple[Effect, Array]](), list[slice]()
     bare_model = Model(model.robot, (), ())
     for effect, place in zip(model.effects, places, strict=True):
         if (effect.effect, effect.joints) in keys:
-            found[effect.effect, effect.joints] = effect, known.theta[place]
+            found[effect.effect, effect.joints] = effect, posterior.theta[place]
         else:
             bare_model = bare_model.extend(effect)
             kept.append(place)
     if not found:
-        return known, found
-    theta = np.concatenate([known.theta[place] for place in kept])
-    base, turn, r = base_coefficients(bare_model), _turn(known, bare_model), len(known.coefficients)
-    precision = inverse_of(turn @ known.now[:r, :r] @ turn.T)
+        return posterior, found
+    theta = np.concatenate([posterior.theta[place] for place in kept])
+    base, turn, r = base_coefficients(bare_model), _turn(posterior, bare_model), len(posterior.coefficients)
+    precision = inverse_of(turn @ posterior.now[:r, :r] @ turn.T)
     bare = replace(
-        known,
+        posterior,
         model=bare_model,
         coefficients=base,
         theta=theta,
@@ -453,7 +321,7 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
 
 def _best_fitting(made: CompetingEffects) -> CompetingEffects:
     """The forms of each hypothesis that fit the earlier recording best; without one, evenly spaced forms."""
-    r, chosen = len(made.known), [replace(one, forms=tuple(_chosen(made, one))) for one in made.competing]
+    r, chosen = len(made.posterior), [replace(one, forms=tuple(_chosen(made, one))) for one in made.competing]
     kept = np.concatenate([np.arange(r), *(form.columns for model in chosen for form in model.forms)])
     return replace(made, competing=_placed(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
 
@@ -475,7 +343,7 @@ def inseparable(made: CompetingEffects, motion: Motion) -> list[tuple[str, str]]
     columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), TINY)
-    base = rows[:, : len(made.known)]
+    base = rows[:, : len(made.posterior)]
     beside = rows - base @ np.linalg.lstsq(base, rows, rcond=None)[0]  # what the coefficients leave of each column
 
     def among(one: CompetingForm, other: CompetingForm) -> bool:

@@ -23,7 +23,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.effects import STANDARD, Term
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
-from bayesid.excitation.known import period_of, usual_motion
+from bayesid.excitation.gaussian_posterior import period_of, reference_motion
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.resolvability import (
     WRONG,
@@ -122,9 +122,9 @@ def design_for_robot(
 ) -> ExcitationDesign:
     """`bayesid.design_excitation` for a robot without a result, or for a model with its own terms."""
     progress = Progress.of(progress)
-    known = robot.robot if isinstance(robot, Model) else robot if isinstance(robot, Robot) else load_robot(robot)
-    limits = check_limits(settings.limits, known)
-    model = robot if isinstance(robot, Model) else Model.of(known, terms, _fastest(limits))
+    arm = robot.robot if isinstance(robot, Model) else robot if isinstance(robot, Robot) else load_robot(robot)
+    limits = check_limits(settings.limits, arm)
+    model = robot if isinstance(robot, Model) else Model.of(arm, terms, _fastest(limits))
     expectation = expect(model, seed, prior)
     search = _search(expectation, settings, limits)
     changes = CHANGES if settings.changes is None else settings.changes
@@ -146,7 +146,7 @@ def design_for_robot(
 def _search(expectation: Expectation, settings: MotionSettings, limits: MotionLimits) -> MotionSearch:
     """For a period of the motion, from rest to rest in the middle of the limits."""
     robot, size = expectation.model.robot, expectation.size
-    usual = usual_motion(robot, limits)
+    usual = reference_motion(robot, limits)
     noise = expectation.sigma(joint_grams(expectation.columns(usual)), len(usual), settings.noise)
     density = TUNING.independent / float(np.mean(noise**2))
 

@@ -13,8 +13,8 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects import STANDARD, Term
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.competing import Hypotheses
 from bayesid.excitation.design import ExcitationDesign, design_for_robot
+from bayesid.excitation.hypotheses import Hypotheses
 from bayesid.excitation.next_motion import NextExperiment, design_next
 from bayesid.excitation.settings import MotionSettings
 from bayesid.identification.identification import Identification

@@ -2,7 +2,7 @@
 
 A result gives the uncertainty of its coefficients; a discrepancy gives the effects that its log cannot distinguish. The
 search covers motions from rest to rest that a robot can run (`bayesid.excitation.splines`). It maximises the
-information about chosen coefficients (`bayesid.excitation.known`) or the Bayes factor between hypotheses
+information about chosen coefficients (`bayesid.excitation.goal`) or the Bayes factor between hypotheses
 (`bayesid.excitation.competing`). The uncertainty after the recording is predicted before anything is run.
 """
 
@@ -20,15 +20,10 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.competing import (
-    CompetingEffects,
-    Hypotheses,
-    hypotheses_after,
-    hypotheses_of,
-    inseparable,
-    make_competing,
-)
-from bayesid.excitation.known import CRITERIA, Goal, Known, certain_share, goal_of, known_of, usual_motion
+from bayesid.excitation.competing import CompetingEffects, inseparable, make_competing
+from bayesid.excitation.gaussian_posterior import GaussianPosterior, certain_share, gaussian_posterior, reference_motion
+from bayesid.excitation.goal import CRITERIA, Goal, goal_of
+from bayesid.excitation.hypotheses import Hypotheses, hypotheses_after, hypotheses_of
 from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.search import MotionSearch, best_motion
@@ -75,7 +70,7 @@ class PredictedKnowledge:
 class NextExperiment:
     """A motion to be run and recorded."""
 
-    known: Known  #: the result that it was designed for
+    known: GaussianPosterior  #: the result that it was designed for
     trajectory: SplineTrajectory  #: the motion, exact at every instant
     run: MotionSettings  #: settings, limits and start with one number for each joint
     goal: Goal | None  #: what it determines; None where it distinguishes hypotheses
@@ -178,34 +173,36 @@ def design_next(
     progress = Progress.of(progress)
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
-    delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
-    known = delayed.undelayed
-    _check(known, run, criterion)
-    unlimited, (limits, run) = run.limits is None, _settled(run, known, recorded)
-    feasibility = Feasibility.of(known, limits, shapes_of(run))
+    delayed = gaussian_posterior(identified, run.rate)  # a delay may be among the hypotheses
+    posterior = delayed.undelayed
+    _check(posterior, run, criterion)
+    unlimited, (limits, run) = run.limits is None, _settled(run, posterior, recorded)
+    feasibility = Feasibility.of(posterior, limits, shapes_of(run))
     still = at_rest(SplineBasis(run.duration), np.array(run.start), run.payload)
     _check_start(feasibility, still)
     labelled = partial(replace, payload=np.array(run.payload))
-    reference, random = (labelled(usual_motion(known.model.robot, limits, each)) for each in (None, run.duration))
+    reference, random = (
+        labelled(reference_motion(posterior.model.robot, limits, each)) for each in (None, run.duration)
+    )
     competing = tuple(
         make_competing(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes
     )
-    goal = None if competing else goal_of(known, about, run.payload)
-    search = _search_of(known, criterion, goal, competing, feasibility, still)
+    goal = None if competing else goal_of(posterior, about, run.payload)
+    search = _search_of(posterior, criterion, goal, competing, feasibility, still)
     usual = TUNING.telling_changes if goal is None else TUNING.changes
     _, trajectory = best_motion(search, run.changes or (usual // TUNING.whole if search.whole else usual), progress)
     alike = [pair for made in competing for pair in inseparable(made, reference)]
     return NextExperiment(
-        known=known,
+        known=posterior,
         trajectory=trajectory,
         run=run,
         goal=goal,
         competing=competing,
-        predicted=_prediction(known, goal, competing, trajectory.motion(instants_of(run))),
-        of_random=_prediction(known, goal, competing, random),
+        predicted=_prediction(posterior, goal, competing, trajectory.motion(instants_of(run))),
+        of_random=_prediction(posterior, goal, competing, random),
         feasibility=feasibility,
         never=(
-            *([_SUPPOSED] if known.supposed else []),
+            *([_SUPPOSED] if posterior.supposed else []),
             *(() if goal is None else goal.never),
             *(f"{one} and {other} are not distinguishable: efforts are the same under both" for one, other in alike),
         ),
@@ -216,14 +213,14 @@ def design_next(
     )
 
 
-def _check(known: Known, run: MotionSettings, criterion: str) -> None:
+def _check(posterior: GaussianPosterior, run: MotionSettings, criterion: str) -> None:
     check_between(run.duration, 2.0, 600.0, "duration", "s")
     check_between(run.rate, 10.0, 4000.0, "rate", "Hz")
     payload = run.payload
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
-    if payload and payload not in known.model.payloads:
-        remedy = f"give one of its payloads: {', '.join(known.model.payloads) or 'none'}"
+    if payload and payload not in posterior.model.payloads:
+        remedy = f"give one of its payloads: {', '.join(posterior.model.payloads) or 'none'}"
         raise InputError(f"the result has no payload {payload!r:.60}", field="payload", remedy=remedy)
 
 
@@ -262,9 +259,11 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     return replace(result.identified, model_error_covariance=model_error_covariance)
 
 
-def _settled(run: MotionSettings, known: Known, recorded: Motion | None) -> tuple[MotionLimits, MotionSettings]:
+def _settled(
+    run: MotionSettings, posterior: GaussianPosterior, recorded: Motion | None
+) -> tuple[MotionLimits, MotionSettings]:
     """With limits and a start of one number for each joint."""
-    robot = known.model.robot
+    robot = posterior.model.robot
     limits = check_limits(run.limits, robot)
     if run.limits is None and recorded is not None:
         lower = np.minimum(limits.lower, recorded.q.min(axis=0)).tolist()
@@ -312,7 +311,7 @@ def shapes_of(run: MotionSettings) -> CollisionModel | None:
 
 
 def _search_of(
-    known: Known,
+    posterior: GaussianPosterior,
     criterion: str,
     goal: Goal | None,
     competing: tuple[CompetingEffects, ...],
@@ -324,9 +323,9 @@ def _search_of(
     if goal is not None:
 
         def left_of(information: Array) -> float:
-            return CRITERIA[criterion](goal, known.covariance(information))
+            return CRITERIA[criterion](goal, posterior.covariance(information))
 
-        return MotionSearch(known.columns, known.weights, left_of, known.memory, *to_keep)
+        return MotionSearch(posterior.columns, posterior.weights, left_of, posterior.memory, *to_keep)
     ends = np.cumsum([0, *(len(one.recorded) for one in competing)]).tolist()
     own = [slice(*pair) for pair in pairwise(ends)]
 
@@ -336,31 +335,35 @@ def _search_of(
     def untold_of(information: Array) -> float:
         return sum(one.worth(information[place, place]) for one, place in zip(competing, own, strict=True))
 
-    return MotionSearch(columns, competing[0].known.weights, untold_of, any(one.memory for one in competing), *to_keep)
+    return MotionSearch(
+        columns, competing[0].posterior.weights, untold_of, any(one.memory for one in competing), *to_keep
+    )
 
 
 def _prediction(
-    known: Known, goal: Goal | None, competing: tuple[CompetingEffects, ...], motion: Motion
+    posterior: GaussianPosterior, goal: Goal | None, competing: tuple[CompetingEffects, ...], motion: Motion
 ) -> PredictedKnowledge:
-    after = known.covariance(known.information(motion))
+    after = posterior.covariance(posterior.information(motion))
     factors: dict[tuple[str, str], float] = {}
     for one in competing:
-        information = information_of(one.columns(motion), one.known.weights(motion))
+        information = information_of(one.columns(motion), one.posterior.weights(motion))
         factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
-    sd_now, sd, sd_lacking = (np.sqrt(np.diag(one)) for one in (known.now, after, after + known.model_error_covariance))
+    sd_now, sd, sd_lacking = (
+        np.sqrt(np.diag(one)) for one in (posterior.now, after, after + posterior.model_error_covariance)
+    )
     return PredictedKnowledge(
-        names=known.names,
-        units=known.units,
-        mean=known.mean,
+        names=posterior.names,
+        units=posterior.units,
+        mean=posterior.mean,
         sd_now=sd_now,
         sd=sd,
         sd_lacking=sd_lacking,
-        gain=0.0 if goal is None else goal.gain(inverse_of(known.precision), after),
+        gain=0.0 if goal is None else goal.gain(inverse_of(posterior.precision), after),
         log10_bayes_factors=factors,
-        certain_signs=certain_share(known, motion),
-        open_now=int(known.open(sd_now).sum()),
-        open=int(known.open(sd).sum()),
-        open_lacking=int(known.open(sd_lacking).sum()),
+        certain_signs=certain_share(posterior, motion),
+        open_now=int(posterior.open(sd_now).sum()),
+        open=int(posterior.open(sd).sum()),
+        open_lacking=int(posterior.open(sd_lacking).sum()),
     )
 
 

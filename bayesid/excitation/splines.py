@@ -24,7 +24,7 @@ from scipy.interpolate import BPoly, BSpline, PPoly
 from scipy.special import factorial
 
 from bayesid.arrays import Array, frozen
-from bayesid.excitation.known import Known
+from bayesid.excitation.gaussian_posterior import GaussianPosterior
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot.collision import CollisionModel
@@ -132,7 +132,9 @@ def at_rest(basis: SplineBasis, pose: Array, payload: str = "") -> SplineTraject
 class Feasibility:
     """What a motion must keep; inf where there is no limit."""
 
-    known: Known | None  # the result that predicts efforts; None where nothing does, and efforts have no limit
+    posterior: (
+        GaussianPosterior | None
+    )  # the result that predicts efforts; None where nothing does, and efforts have no limit
     lower: Array  # (n,) rad
     upper: Array  # (n,) rad
     rates: Array  # (3, n) largest velocity, acceleration and jerk
@@ -140,12 +142,14 @@ class Feasibility:
     clearance: CollisionModel | None  # tells whether the robot touches anything; None where nothing does
 
     @classmethod
-    def of(cls, known: Known | None, limits: MotionLimits, clearance: CollisionModel | None) -> Feasibility:
+    def of(
+        cls, posterior: GaussianPosterior | None, limits: MotionLimits, clearance: CollisionModel | None
+    ) -> Feasibility:
         """By limits, those of positions with one number for each joint where no result has the joints."""
-        n = np.size(limits.lower) if known is None else known.model.robot.n_joints
+        n = np.size(limits.lower) if posterior is None else posterior.model.robot.n_joints
         each = [np.full(n, np.inf if limit is None else limit, dtype=float) for limit in vars(limits).values()]
         lower, upper, *rates, effort = each
-        return cls(known, lower, upper, np.array(rates), effort, clearance)
+        return cls(posterior, lower, upper, np.array(rates), effort, clearance)
 
     def _between(self, order: int) -> tuple[Array, Array]:
         """(n,) least and largest of the d-th derivative."""
@@ -176,16 +180,16 @@ class Feasibility:
 
     def effort_band(self, motion: Motion) -> tuple[Array, Array]:
         """(N, n) predicted efforts, N m, and their standard deviations, noise apart: not as gains have them read."""
-        known = self.known
-        assert known is not None
-        r = len(known.coefficients)
-        columns = known.columns(motion)[:, :, :r]
-        return columns @ known.mean[:r], np.asarray(np.linalg.norm(columns @ known.root[:r], axis=2))
+        posterior = self.posterior
+        assert posterior is not None
+        r = len(posterior.coefficients)
+        columns = posterior.columns(motion)[:, :, :r]
+        return columns @ posterior.mean[:r], np.asarray(np.linalg.norm(columns @ posterior.root[:r], axis=2))
 
     @property
     def limits_effort(self) -> bool:
         """Whether any effort has a limit."""
-        return self.known is not None and bool(np.isfinite(self.effort).any())
+        return self.posterior is not None and bool(np.isfinite(self.effort).any())
 
     def bears(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
         """Whether efforts keep their limits from one instant to another, s, and between samples."""
@@ -197,7 +201,7 @@ class Feasibility:
         By instants of the whole motion, so that windows and the whole say the same.
         """
         count, last = fine_steps(trajectory.duration), trajectory.duration if end is None else end
-        if self.known is not None and self.known.memory:
+        if self.posterior is not None and self.posterior.memory:
             start, last = 0.0, trajectory.duration
         step = trajectory.duration / count
         first = max(0, int(start / step) - _BESIDE)

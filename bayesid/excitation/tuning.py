@@ -10,7 +10,7 @@ class Tuning:
     """Constants of this package; `TUNING` holds those in use.
 
     Many of them were halved and doubled (`python -m bayesid.studies.ablation excitation`). A motion designed for UR10e
-    has other segments with another `robots`, `starts`, `rise` or `usual_motion`. Others that changed a decision
+    has other segments with another `robots`, `starts`, `rise` or `reference_motion`. Others that changed a decision
     say so.
     """
 
@@ -97,7 +97,7 @@ class Tuning:
     """Divisor of these numbers if rows depend on the whole motion: each change then takes 3 to 4 times as long."""
     most_recorded: int = 4000
     """Most instants of the earlier motion that are used."""
-    usual_motion: tuple[float, float] = (20.0, 20.0)
+    reference_motion: tuple[float, float] = (20.0, 20.0)
     """s and Hz, duration and rate of the random reference motion."""
     chance: float = 1.1
     """Factor on the largest eigenvalue expected by chance, for its fluctuation with few draws (Johnstone 2001)."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.excitation.assessment import ExcitationAssessment
 from bayesid.excitation.design import ExcitationDesign, Quality
-from bayesid.excitation.judgement import ExcitationAssessment
 from bayesid.excitation.next_motion import NextExperiment, PredictedKnowledge
 from bayesid.excitation.resolvability import JointFlips
 from bayesid.excitation.splines import DEGREE
@@ -141,32 +141,41 @@ def _group(flips: JointFlips) -> str:
     return f"all signs of joint{'s' * (len(group) > 1)} {', '.join(str(j + 1) for j in group)} ({cost:.3g})"
 
 
-def judgement_text(judgement: ExcitationAssessment) -> str:
+def assessment_text(assessment: ExcitationAssessment) -> str:
     """A table of the joints, the condition number, and what the log does not determine."""
-    one, flips = judgement, judgement.joints
+    flips = assessment.joints
     of_joint = {} if flips is None else dict(zip(flips.groups, flips.resolvability.tolist(), strict=True))
     rows = [
         [
-            *(str(j + 1), f"{one.reach[j]:.2f}", f"{one.speed[j]:.2f}", f"{one.acceleration[j]:.1f}"),
-            *(f"{one.idle[j]:.0%}", f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known", f"{one.doubtful[j]:.1%}"),
+            *(
+                str(j + 1),
+                f"{assessment.reach[j]:.2f}",
+                f"{assessment.speed[j]:.2f}",
+                f"{assessment.acceleration[j]:.1f}",
+            ),
+            *(
+                f"{assessment.idle[j]:.0%}",
+                f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known",
+                f"{assessment.doubtful[j]:.1%}",
+            ),
         ]
-        for j in range(len(one.reach))
+        for j in range(len(assessment.reach))
     ]
     lines = [
-        f"{one.source}: excitation is {one.state}",
+        f"{assessment.source}: excitation is {assessment.state}",
         table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
-        f"doubtful: expected energy with a wrong sign; both at a noise of {one.noise:.0%}",
-        f"condition number {one.condition:.1f} with equal noise in all joints; `identify` estimates the noise",
+        f"doubtful: expected energy with a wrong sign; both at a noise of {assessment.noise:.0%}",
+        f"condition number {assessment.condition:.1f} with equal noise in all joints; `identify` estimates the noise",
         *([] if flips is None else [f"lowest resolvability: {_group(flips)}"]),
-        *(f"- {remark}" for remark in one.remarks),
+        *(f"- {remark}" for remark in assessment.remarks),
     ]
     return "\n".join(lines)
 
 
-def judgement_conclusion(judgement: ExcitationAssessment, design: str) -> Conclusion:
+def assessment_conclusion(assessment: ExcitationAssessment, design: str) -> Conclusion:
     """Whether the motion suffices; if not, the command that designs another."""
-    state: State = judgement.state
+    state: State = assessment.state
     sentences: dict[State, str] = {
         "good": "The motion excites all that a motion can",
         "look": "Some coefficients or signs are not determined",

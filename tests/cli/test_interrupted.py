@@ -12,8 +12,8 @@ import pytest
 from command_line import TWO_JOINTS
 
 from bayesid.cli import main
-from bayesid.study import separate_logs as several_logs
-from bayesid.study.separate_logs import identify_each
+from bayesid.study import batch as several_logs
+from bayesid.study.batch import identify_each
 
 pytestmark = pytest.mark.usefixtures("any_motion")
 

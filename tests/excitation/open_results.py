@@ -9,7 +9,7 @@ from conftest import small_robot, smooth_motion
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
-from bayesid.excitation.known import known_of
+from bayesid.excitation.gaussian_posterior import gaussian_posterior
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.regression.noise import Noise
 from bayesid.simulation.logs import SimulatedEffect, with_effects
@@ -54,13 +54,13 @@ def open_result(n=3, terms=TERMS, seed=2, share=0.02, effects=NONE):
 
 
 def open_known(rate=100.0, model_error_covariance=0.0, **options):
-    """The same as `Known`, with a covariance for what the model may lack."""
+    """The same as `GaussianPosterior`, with a covariance for what the model may lack."""
     result = open_result(**options)
     if model_error_covariance:
         root = np.random.default_rng(8).normal(size=result.precision.shape) / len(result.precision)
         sd = model_error_covariance * np.sqrt(np.diag(np.linalg.inv(result.precision)))
         result = replace(result, model_error_covariance=np.outer(sd, sd) * (root @ root.T))
-    return known_of(result, rate)
+    return gaussian_posterior(result, rate)
 
 
 def gains_result(seed=5, factor=0.0):

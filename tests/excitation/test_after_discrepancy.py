@@ -9,7 +9,7 @@ from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import explain_log
 from bayesid.effects.friction import StribeckFriction
-from bayesid.excitation.competing import equivalent_classes
+from bayesid.excitation.hypotheses import equivalent_classes
 from bayesid.excitation.next_motion import design_next
 from bayesid.excitation.settings import MotionSettings
 from bayesid.identification.pipeline import identify
@@ -56,7 +56,7 @@ def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
     np.testing.assert_array_equal(competing.competing[0].own, found.identification.theta[place])
     assert design.goal is None
     assert len(design.predicted.log10_bayes_factors) == 6
-    assert "stribeck_friction" not in {term.name for term in competing.known.model.terms}
+    assert "stribeck_friction" not in {term.name for term in competing.posterior.model.terms}
     assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=replace(RUN, changes=5)).competing == ()
     of_no_score = [("stribeck_friction", (3,), {"thermal_drift": None, "payload": None})]
     assert equivalent_classes(of_no_score) == (tuple(rival.key for rival in competing.competing),)

@@ -11,8 +11,8 @@ from bayesid.effects import RigidBody, ViscousFriction
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
+from bayesid.excitation.assessment import assess_excitation
 from bayesid.excitation.design import design_for_robot
-from bayesid.excitation.judgement import assess_excitation
 from bayesid.excitation.resolvability import (
     JointFlips,
     SegmentFlips,

@@ -10,7 +10,8 @@ from open_results import open_known
 from bayesid.cli.terminal import in_options
 from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
-from bayesid.excitation.known import CRITERIA, Goal, goal_of, open_coefficients, usual_motion
+from bayesid.excitation.gaussian_posterior import reference_motion
+from bayesid.excitation.goal import CRITERIA, Goal, goal_of, open_coefficients
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +121,7 @@ def test_a_payload_that_the_motion_does_not_carry_is_told_by_none_of_it():
 def test_signs_are_the_efforts_of_random_motions(known):
     """Summed over the goal's forms, the error of efforts is its mean square over the noise, in a second's samples."""
     goal = goal_of(known, ["signs"])
-    motion = usual_motion(known.model.robot)
+    motion = reference_motion(known.model.robot)
     columns, weights = known.columns(motion), known.weights(motion)
     variance = np.einsum("njr,rs,njs->nj", columns, known.now, columns)
     want = np.sum(weights * variance) / (motion.t[-1] - motion.t[0])

@@ -9,7 +9,7 @@ from conftest import smooth_motion
 from open_results import open_known
 from scipy.stats import norm
 
-from bayesid.excitation.known import certain_share
+from bayesid.excitation.gaussian_posterior import certain_share
 
 PERIOD = 0.05
 

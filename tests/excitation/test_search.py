@@ -5,7 +5,7 @@ import pytest
 from open_results import LIMITS, open_known
 
 from bayesid.effects.hysteresis import Hysteresis
-from bayesid.excitation.known import goal_of
+from bayesid.excitation.goal import goal_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.search import MotionSearch
 from bayesid.excitation.splines import Feasibility, SplineBasis, at_rest

@@ -18,7 +18,7 @@ from log_files import (
 )
 
 from bayesid.errors import InputError
-from bayesid.excitation.judgement import assess_excitation
+from bayesid.excitation.assessment import assess_excitation
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.reading import read_log
 from bayesid.robot import load_robot

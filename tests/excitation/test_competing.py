@@ -13,8 +13,9 @@ from bayesid.effects.drive import Delay
 from bayesid.effects.friction import StribeckFriction
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.errors import InputError
-from bayesid.excitation.competing import inseparable, make_competing, parse_key
-from bayesid.excitation.known import known_of, usual_motion
+from bayesid.excitation.competing import inseparable, make_competing
+from bayesid.excitation.gaussian_posterior import gaussian_posterior, reference_motion
+from bayesid.excitation.hypotheses import parse_key
 
 PERIOD = 0.1
 DRAWS = 4000
@@ -32,7 +33,7 @@ def quiet(known, density):
 
 @pytest.fixture(scope="module")
 def reference(known):
-    return usual_motion(known.model.robot, LIMITS)
+    return reference_motion(known.model.robot, LIMITS)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +48,8 @@ def keys(*names):
 def numbers(competing, motion, form):
     """Rows (M, R) and noise (M,) of the samples that count, for the coefficients and one form."""
     columns = competing.columns(motion)
-    weights = competing.known.weights(motion)
-    r = len(competing.known)
+    weights = competing.posterior.weights(motion)
+    r = len(competing.posterior)
     chosen = np.concatenate([np.arange(r), form.columns])
     seen = weights > 0.0
     return columns[seen][:, chosen], 1.0 / np.sqrt(weights[seen])
@@ -56,9 +57,9 @@ def numbers(competing, motion, form):
 
 def prior(competing, form):
     """Mean and covariance of coefficients and amplitudes before everything."""
-    mean = np.concatenate([competing.known.mean, form.mean])
+    mean = np.concatenate([competing.posterior.mean, form.mean])
     covariance = np.zeros((len(mean), len(mean)))
-    r = len(competing.known)
+    r = len(competing.posterior)
     covariance[:r, :r] = np.linalg.inv(competing.prior)
     covariance[r:, r:] = np.diag(form.sd**2)
     return mean, covariance
@@ -81,7 +82,7 @@ def drawn_factors(motion, competing, true, others):
 
 
 def information(competing, motion):
-    rows = competing.columns(motion) * np.sqrt(competing.known.weights(motion))[:, :, None]
+    rows = competing.columns(motion) * np.sqrt(competing.posterior.weights(motion))[:, :, None]
     return np.einsum("njr,njs->rs", rows, rows)
 
 
@@ -144,19 +145,19 @@ def found_result():
 def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
     """The other one is what the earlier log shows of it where the first is true."""
     result, earlier = found_result(), earlier_motion()[::5]
-    known = quiet(known_of(result, 100.0), 0.5)
+    known = quiet(gaussian_posterior(result, 100.0), 0.5)
     competing = make_competing(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
     stribeck, drift = competing.competing
     assert drift.own is None
     np.testing.assert_array_equal(stribeck.own, result.theta[result.model.places[-1]])
-    assert [term.name for term in competing.known.model.terms] == list(TERMS)
+    assert [term.name for term in competing.posterior.model.terms] == list(TERMS)
     assert len(stribeck.forms) > 1
     assert len(drift.forms) > 1
     before = np.diag(np.linalg.inv(competing.prior))
-    assert np.all(before >= 0.99 * np.diag(competing.known.now))  # the earlier log has told something of each
-    assert np.median(before / np.diag(competing.known.now)) > 2.0
+    assert np.all(before >= 0.99 * np.diag(competing.posterior.now))  # the earlier log has told something of each
+    assert np.median(before / np.diag(competing.posterior.now)) > 2.0
     first = stribeck.forms[0]
-    truth = first, np.concatenate([competing.known.mean, stribeck.own])
+    truth = first, np.concatenate([competing.posterior.mean, stribeck.own])
     expected = competing.expected(information(competing, motion))
     own = truth[1], after(competing, earlier, first, truth)[1]  # about its amplitudes, not drawn to zero by their prior
     others = [(form, *after(competing, earlier, form, truth)[:2]) for form in drift.forms]
@@ -176,16 +177,16 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
 )
 def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, motion):
     result = open_result(share=0.3)
-    distorted = known_of(replace(result, model=result.model.extend(distortion)), 100.0)
+    distorted = gaussian_posterior(replace(result, model=result.model.extend(distortion)), 100.0)
     competing = make_competing(distorted, keys(key, "torque_offset:2"), None, reference)
     whole = competing.competing[0]
     assert whole.name == key
     assert whole.own is not None
     fine = smooth_motion(3, 1.2, 200.0, seed=21)
     columns = competing.columns(fine)
-    plain = columns[:, :, : len(competing.known)] @ competing.known.mean
+    plain = columns[:, :, : len(competing.posterior)] @ competing.posterior.mean
     change = columns[:, :, whole.forms[0].columns] @ whole.own
-    want = replace(competing.known.model, distortions=(distortion,)).effort(fine, competing.known.theta) - plain
+    want = replace(competing.posterior.model, distortions=(distortion,)).effort(fine, competing.posterior.theta) - plain
     scale = np.abs(want).max()
     assert scale > 0.05
     np.testing.assert_allclose(change[10:], want[10:], atol=0.02 * scale)
@@ -218,7 +219,7 @@ def test_names_of_hypotheses(known, reference):
 
 def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_made():
     """Which is taken out of what was known of it, but for a hundredth of the variance."""
-    known, earlier = known_of(open_result(share=0.3), 100.0), earlier_motion()[::5]
+    known, earlier = gaussian_posterior(open_result(share=0.3), 100.0), earlier_motion()[::5]
     (key, other), place = keys("coulomb_friction:3", "thermal_drift:3"), known.coefficients.names.index("Fc3")
     plain, changed = (
         make_competing(known, (key, other), earlier, earlier, {key: step}) for step in ({}, {"Fc3": 0.25})
@@ -226,7 +227,7 @@ def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_ma
     assert (plain.competing[0].own, changed.competing[0].own) == (None, [0.25])
     moved = np.zeros(len(known))
     moved[place] = 0.25
-    np.testing.assert_allclose(plain.known.mean - changed.known.mean, moved, atol=1e-12)
+    np.testing.assert_allclose(plain.posterior.mean - changed.posterior.mean, moved, atol=1e-12)
     covariance, (sd,) = np.linalg.inv(plain.prior), changed.competing[0].forms[0].sd
     covariance[place, place] -= min(sd**2, 0.99 / plain.prior[place, place])
     np.testing.assert_allclose(covariance @ changed.prior, np.eye(len(known)), atol=1e-6)

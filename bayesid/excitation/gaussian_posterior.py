@@ -12,16 +12,14 @@ are two predictions, P and P + M. A motion is designed by P, as no motion change
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
-from bayesid.errors import InputError, near_names
 from bayesid.excitation.resolvability import expect, expected_segments, information_of, mistaken, resolvability
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, SURE
@@ -33,12 +31,10 @@ from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits, random
 
 _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
-_NONE = 1e-9
-"""Share of a coefficient below which a parameter's is rounding."""
 
 
 @dataclass(frozen=True)
-class Known:
+class GaussianPosterior:
     """R quantities of a result, and what a motion shows of them."""
 
     model: Model  # robot and terms, without sensor distortions
@@ -62,7 +58,7 @@ class Known:
         return any(effect.memory for effect in self.model.effects)
 
     @property
-    def undelayed(self) -> Known:
+    def undelayed(self) -> GaussianPosterior:
         """The same without the delay of logged efforts.
 
         A delay changes neither the information of a motion from rest to rest nor its limits, but it keeps state.
@@ -110,24 +106,26 @@ class Known:
         return sd > KNOWN * np.where(relative, 1.0, np.abs(self.mean))
 
 
-def known_of(identified: IdentifiedModel, rate: float) -> Known:
+def gaussian_posterior(identified: IdentifiedModel, rate: float) -> GaussianPosterior:
     """Posterior of an identified model; the new recording, at a rate in Hz, has the noise of the result's log."""
     model, noise, draws = identified.model.before_sensors, identified.noise.with_time_of_model(rate), identified.draws
     base, density = base_coefficients(model), rate / (noise.sigma**2 * noise.autocorrelation)
     beta, precision, none = base.project(identified.theta), identified.precision, np.empty(0, dtype=np.int64)
     nothing = np.zeros_like(precision)
-    known = Known(model, base, identified.theta, base.names, base.units, beta, precision, nothing, none, density)
+    posterior = GaussianPosterior(
+        model, base, identified.theta, base.names, base.units, beta, precision, nothing, none, density
+    )
     if draws is None:
-        known = replace(known, model_error_covariance=identified.beyond_precision)
+        posterior = replace(posterior, model_error_covariance=identified.beyond_precision)
         values = scaled_spectrum(precision)[0]
         if values[0] > _ROUNDING * values[-1]:
-            return known
-        return replace(known, precision=precision + np.diag(expect(model).size ** -2.0), supposed=True)
+            return posterior
+        return replace(posterior, precision=precision + np.diag(expect(model).size ** -2.0), supposed=True)
     drawn = base.project(draws.theta)
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
         return replace(
-            known,
+            posterior,
             names=(*base.names, *(f"log_gain{j + 1}" for j in gains)),
             units=(*base.units, *("" for _ in gains)),
             mean=np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)]),
@@ -137,11 +135,11 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
         )
     covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
     if not precision.any():
-        return replace(known, precision=inverse_of(_at_least(covariance, _ROUNDING)))
+        return replace(posterior, precision=inverse_of(_at_least(covariance, _ROUNDING)))
     model_error_covariance = identified.model_error_covariance
     if model_error_covariance is None:
         model_error_covariance = _beyond_sampling(covariance, precision, len(drawn))
-    return replace(known, model_error_covariance=_at_least(model_error_covariance, 0.0))
+    return replace(posterior, model_error_covariance=_at_least(model_error_covariance, 0.0))
 
 
 def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
@@ -185,16 +183,16 @@ def period_of(motion: Motion) -> float:
     return float(motion.t[-1] - motion.t[0]) / max(len(motion) - 1, 1)
 
 
-def certain_share(known: Known, motion: Motion) -> float:
+def certain_share(posterior: GaussianPosterior, motion: Motion) -> float:
     """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
 
     A segment's sign is doubtful where flipping it costs little (:eq:`resolvability`); prior information counts as data.
     Segments end where effort or speed change their sign. They are flipped one by one.
     """
-    columns, weights, r = known.columns(motion), known.weights(motion), len(known.coefficients)
-    effort, speed = columns[:, :, :r] @ known.mean[:r], known.model.robot.actuators(motion).dq
+    columns, weights, r = posterior.columns(motion), posterior.weights(motion), len(posterior.coefficients)
+    effort, speed = columns[:, :, :r] @ posterior.mean[:r], posterior.model.robot.actuators(motion).dq
     joint, start, _, gradient, energy = expected_segments(columns, effort, speed, weights)
-    left = known.covariance(information_of(columns, weights))
+    left = posterior.covariance(information_of(columns, weights))
     certain = mistaken(resolvability(left, gradient, energy)) <= 1.0 - SURE
     n_samples, n = effort.shape
     size = np.add.reduceat((np.abs(effort) * (weights > 0.0)).T.ravel(), joint * n_samples + start)
@@ -203,164 +201,9 @@ def certain_share(known: Known, motion: Motion) -> float:
     return float((sure[moving] / np.maximum(whole[moving], TINY)).mean()) if moving.any() else 0.0
 
 
-# ---- Goal of the next motion ----
-@dataclass(frozen=True)
-class Goal:
-    """m linear combinations of quantities to be determined."""
-
-    names: tuple[str, ...]  # (m,)
-    forms: Array  # (m, R) coefficients of the combinations
-    required_sd: Array  # (m,) sufficient standard deviations
-    never: tuple[str, ...] = ()  # sentences on what is not identifiable
-
-    def left(self, covariance: Array) -> Array:
-        """(m, m) covariance of the combinations over the required sd, from that of the quantities (R, R)."""
-        forms = self.forms / self.required_sd[:, None]
-        return forms @ covariance @ forms.T
-
-    def spread(self, covariance: Array) -> float:
-        """Log det(1 + W^-1 F C F' W^-1): twice the remaining information about the combinations F, in nats.
-
-        See :eq:`next-information`. D-optimality, except that a combination known to its required sd hardly counts
-        (Chaloner and Verdinelli, Bayesian Experimental Design: A Review, 1995, section 2.2).
-        """
-        left = self.left(covariance)
-        return float(np.linalg.slogdet(np.eye(len(left)) + left)[1])
-
-    def mean_variance(self, covariance: Array) -> float:
-        """Mean variance of the combinations over the required variance: A-optimality (ibid., section 2.3)."""
-        return float(np.trace(self.left(covariance)) / len(self.required_sd))
-
-    def gain(self, before: Array, after: Array) -> float:
-        """Information gain of a recording about the combinations, nats, from covariances (R, R) before and after it."""
-        return 0.5 * (self.spread(before) - self.spread(after))
-
-
-CRITERIA = {"D": Goal.spread, "A": Goal.mean_variance}
-"""By name; the less, the better."""
-
-
-def open_coefficients(known: Known) -> list[int]:
-    """Coefficients whose standard deviation is more than `KNOWN` of their value."""
-    return np.flatnonzero(known.open(np.sqrt(np.diag(known.now)))[: len(known.coefficients)]).tolist()
-
-
-def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
-    """The goal for some names.
-
-    Args:
-        known: the result.
-        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; by default all
-            that are undetermined.
-        payload: label of what the flange carries.
-
-    Raises:
-        InputError: a name is unknown, or none of the quantities is identifiable.
-    """
-    parts = [_named(known, name, payload) for name in about]
-    if not about:
-        parts = [_of_places(known, open_coefficients(known) or list(range(len(known.coefficients))))]
-        parts += [_gains(known)] * (len(known.gains) > 1)
-    names = [name for part in parts for name in part.names]
-    never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
-    if not names:
-        raise InputError("; ".join(never), field="about", remedy="name an identifiable quantity")
-    first = [names.index(name) for name in dict.fromkeys(names)]
-    forms, required_sd = (
-        np.concatenate(each)[first] for each in zip(*((part.forms, part.required_sd) for part in parts), strict=True)
-    )
-    return Goal(tuple(names[k] for k in first), forms, required_sd, never)
-
-
-def _of_places(known: Known, chosen: list[int], never: tuple[str, ...] = ()) -> Goal:
-    sd = np.sqrt(np.diag(known.now))
-    required_sd = np.maximum(KNOWN * np.abs(known.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
-    return Goal(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], required_sd[chosen], never)
-
-
-def _named(known: Known, name: str, payload: str) -> Goal:
-    special: dict[str, Callable[[Known], Goal]]
-    special = {"gains": _gains, "payload": partial(_payload, payload=payload), "signs": _signs}
-    if name in special:
-        return special[name](known)
-    coefficients, parameters = known.coefficients, [parameter.name for parameter in known.model.parameters]
-    if name in coefficients.names:
-        place = coefficients.names.index(name)
-        behind = coefficients.expressions[place]
-        said = f"{name} is not identifiable alone, only the combination {behind}; this is the goal"
-        return _of_places(known, [place], () if behind == name else (said,))
-    if name in parameters:
-        holding = _holding(known, [parameters.index(name)])
-        if not holding:
-            return _of_places(known, [], (f"{name} is not identifiable: efforts do not depend on it",))
-        names = ", ".join(known.names[k] for k in holding)
-        said = f"{name} is not identifiable alone, only the combinations {names}; these are the goal"
-        return _of_places(known, holding, (said,))
-    for term, places in zip(known.model.terms, known.model.places, strict=True):
-        if name in (term.name, term.effect):
-            return _of_places(known, _holding(known, places))
-    near = near_names(name, [*coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
-    alike = [one for one in coefficients.names if one[:2] == name[:2]][:6] or coefficients.names[:6]
-    remedy = f"name coefficients ({', '.join(alike)}, ..), effects, gains, payload or signs"
-    raise InputError(f"{name!r} is not a quantity of the model", field="about", remedy=f"{near} {remedy}".strip())
-
-
-def _holding(known: Known, places: slice | list[int]) -> list[int]:
-    """Coefficients that hold parameters of some places."""
-    shares = np.abs(known.coefficients.projection[:, places])
-    return np.flatnonzero(shares.max(axis=1, initial=0.0) > _NONE).tolist()
-
-
-def _gains(known: Known) -> Goal:
-    """Ratios of gains to the first unknown one; their common factor is not identifiable from a motion."""
-    count, r = len(known.gains), len(known.coefficients)
-    if not count:
-        return _of_places(known, [], ("the result's gains are exact: nothing to estimate",))
-    forms = np.zeros((count - 1, len(known)))
-    forms[:, r] = -1.0
-    forms[np.arange(count - 1), r + 1 + np.arange(count - 1)] = 1.0
-    first = int(known.gains[0]) + 1
-    names = tuple(f"gain{j + 1}/gain{first}" for j in known.gains[1:])
-    never = (
-        "no motion determines the common factor of the gains; a payload of known mass does (--payload KG~SD@LOG), or "
-        "one exact gain",
-    )
-    return Goal(names, forms, np.full(count - 1, KNOWN), never)
-
-
-def _payload(known: Known, payload: str) -> Goal:
-    labels = known.model.payloads
-    if labels and not payload:
-        said = f"the result has payloads {', '.join(labels)}, the motion has none"
-        remedy = f"give the payload that is recorded with it, as {labels[0]}"
-        raise InputError(said, "payload", remedy, field="about")
-    terms, n = zip(known.model.terms, known.model.places, strict=True), known.model.robot.n_joints
-    own = [place for term, place in terms if payload in term.payloads or term.needs_earlier]
-    if own:
-        return _of_places(known, _holding(known, [k for place in own for k in range(place.start, place.stop)]))
-    never = (
-        "a payload is not distinguishable from the last link in one recording: record once without and once with it "
-        "(--payload LABEL@LOG, or `bayesid payload`)",
-    )
-    last = [k for k, one in enumerate(known.model.parameters) if one.joint == n and one.name[:1] in "mJ"]
-    return _of_places(known, _holding(known, last), never)
-
-
-def _signs(known: Known) -> Goal:
-    """Efforts of a random motion, as combinations of coefficients in units of the noise.
-
-    A sign is certain where the error of the predicted effort is small compared with the effort.
-    """
-    motion = usual_motion(known.model.robot)
-    forms = root_of(known.information(motion) / (motion.t[-1] - motion.t[0])).T
-    names = tuple(f"effort{k + 1}" for k in range(len(forms)))
-    never = ("motion design did not improve signs in 291 simulated logs",)
-    return Goal(names, forms, np.full(len(forms), TUNING.sign), never)
-
-
-def usual_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:
+def reference_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:
     """A random motion within the limits, over a duration in s, used as the reference."""
-    usual, rate = TUNING.usual_motion
+    usual, rate = TUNING.reference_motion
     duration = usual if duration is None else duration
     t = np.linspace(0.0, duration, round(duration * rate) + 1)
     return random_trajectory(robot.n_joints, duration, limits=limits).motion(t)

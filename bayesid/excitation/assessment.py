@@ -99,8 +99,8 @@ def assess_excitation(
         InputError: the robot, the log or an option cannot be used.
 
     Example:
-        >>> judgement = bayesid.assess_excitation("robot.toml", "log.csv", terms)
-        >>> judgement.state, round(judgement.condition)
+        >>> assessment = bayesid.assess_excitation("robot.toml", "log.csv", terms)
+        >>> assessment.state, round(assessment.condition)
         ('good', 11)
     """
     check_noise(noise)
@@ -145,53 +145,53 @@ def assess_excitation(
 
 
 # ---- Remarks ----
-def _still(judgement: ExcitationAssessment) -> list[int]:
+def _still(assessment: ExcitationAssessment) -> list[int]:
     """0-based actuators that hardly move."""
-    return np.flatnonzero((judgement.reach < TUNING.little) | (judgement.speed < TUNING.slow)).tolist()
+    return np.flatnonzero((assessment.reach < TUNING.little) | (assessment.speed < TUNING.slow)).tolist()
 
 
-def _idle(judgement: ExcitationAssessment) -> list[int]:
+def _idle(assessment: ExcitationAssessment) -> list[int]:
     """Other actuators that are often at standstill."""
-    return sorted(set(np.flatnonzero(judgement.idle > TUNING.idle).tolist()) - set(_still(judgement)))
+    return sorted(set(np.flatnonzero(assessment.idle > TUNING.idle).tolist()) - set(_still(assessment)))
 
 
-def _flippable(judgement: ExcitationAssessment) -> list[tuple[int, ...]]:
+def _flippable(assessment: ExcitationAssessment) -> list[tuple[int, ...]]:
     """Minimal groups of other actuators whose signs can all be flipped with hardly a change of the fit."""
-    flips, groups = judgement.joints, list[tuple[int, ...]]()
+    flips, groups = assessment.joints, list[tuple[int, ...]]()
     if flips is None:
         return groups
     for group, chance in zip(flips.groups, mistaken(flips.resolvability).tolist(), strict=True):
         if chance > TUNING.mistaken and not any(set(smaller) <= set(group) for smaller in groups):
             groups.append(group)
-    return [group for group in groups if not set(group) <= set(_still(judgement))]
+    return [group for group in groups if not set(group) <= set(_still(assessment))]
 
 
-def _remarks(judgement: ExcitationAssessment) -> Iterator[str]:
-    model, coefficients = judgement.model, judgement.coefficients
-    for j in _still(judgement):
+def _remarks(assessment: ExcitationAssessment) -> Iterator[str]:
+    model, coefficients = assessment.model, assessment.coefficients
+    for j in _still(assessment):
         unit = "m" if model.robot.joints[j].prismatic else "rad"
         yield (
-            f"joint {j + 1} covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} "
+            f"joint {j + 1} covers {assessment.reach[j]:.2g} {unit} and is never faster than {assessment.speed[j]:.2g} "
             f"{unit}/s: move it over most of its range, fast and slowly"
         )
-    for group in _flippable(judgement):
+    for group in _flippable(assessment):
         yield (
             f"flipping all signs of {_joints(group)} hardly changes the fit; only physical feasibility excludes it: "
             "accelerate the joints at the same time, so that they load each other"
         )
-    for j in _idle(judgement):
-        yield f"joint {j + 1} is at standstill {judgement.idle[j]:.0%} of the time: reduce pauses"
-    undecided = {coefficients.names[i] for i in judgement.undecided}
+    for j in _idle(assessment):
+        yield f"joint {j + 1} is at standstill {assessment.idle[j]:.0%} of the time: reduce pauses"
+    undecided = {coefficients.names[i] for i in assessment.undecided}
     for term in model.terms:
         own = [parameter.name for parameter in term.parameters(model.robot) if parameter.name in undecided]
         if own:
             designs = "`bayesid excite` designs a suitable motion"
             remedy = designs if term.name == "rigid_body" else f"recommended motion: {term.shown_by}"
             kind = term.name.replace("_", " ")
-            yield f"undecided at a noise of {judgement.noise:.0%} ({kind}): {', '.join(own)}; {remedy}"
-    for j in np.flatnonzero(judgement.doubtful > TUNING.doubtful).tolist():
+            yield f"undecided at a noise of {assessment.noise:.0%} ({kind}): {', '.join(own)}; {remedy}"
+    for j in np.flatnonzero(assessment.doubtful > TUNING.doubtful).tolist():
         yield (
-            f"about {judgement.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments "
+            f"about {assessment.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments "
             "that are short or weak: use fewer sign changes of the torque, and record longer"
         )
     bodies = model.cone.bodies.ravel().tolist()

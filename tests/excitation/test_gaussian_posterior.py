@@ -7,7 +7,7 @@ import pytest
 from conftest import smooth_motion
 from open_results import NOISE, gains_result, open_result
 
-from bayesid.excitation.known import known_of
+from bayesid.excitation.gaussian_posterior import gaussian_posterior
 from bayesid.excitation.resolvability import expect
 from bayesid.identification.identified_model import ParameterDraws
 from bayesid.regression.knowledge import inverse_of
@@ -23,7 +23,7 @@ def motion():
 def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion):
     """Rows of the noise are those of independent samples: as many for a sample as its share of a correlation time."""
     result = open_result()
-    known = known_of(result, 1.0 / PERIOD)
+    known = gaussian_posterior(result, 1.0 / PERIOD)
     found = known.covariance(known.information(motion))
     memory = np.exp(-PERIOD / NOISE.correlation)
     times = 1.0 + 2.0 * NOISE.coloured**2 / (NOISE.white**2 + NOISE.coloured**2) * memory / (1.0 - memory)
@@ -41,7 +41,7 @@ def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion)
 
 def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
     """Readings are made efforts by one set of gains: a gain that is larger than that makes all efforts smaller."""
-    known = known_of(gains_result(), 50.0)
+    known = gaussian_posterior(gains_result(), 50.0)
     assert known.names[-2:] == ("log_gain1", "log_gain3")
     assert known.units[-2:] == ("", "")
     np.testing.assert_array_equal(known.gains, [0, 2])
@@ -63,7 +63,7 @@ def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
 
 def test_draws_of_gains_and_coefficients_are_known_together():
     result = gains_result(factor=0.4)
-    known, draws = known_of(result, 50.0), result.draws
+    known, draws = gaussian_posterior(result, 50.0), result.draws
     drawn = np.hstack([known.coefficients.project(draws.theta), draws.log_gain[:, [0, 2]]])
     centred = drawn - drawn.mean(axis=0)
     covariance = centred.T @ centred / (len(drawn) - 1)
@@ -74,10 +74,10 @@ def test_draws_of_gains_and_coefficients_are_known_together():
 
 def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
     result, rng = open_result(), np.random.default_rng(2)
-    base = known_of(result, 50.0).coefficients
+    base = gaussian_posterior(result, 50.0).coefficients
     wide = np.linalg.cholesky(4.0 * np.linalg.inv(result.precision))
     theta = result.theta + (rng.normal(size=(20_000, len(base))) @ wide.T) @ np.linalg.pinv(base.projection).T
-    known = known_of(replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1)))), 50.0)
+    known = gaussian_posterior(replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1)))), 50.0)
     inside = np.linalg.inv(result.precision)
     np.testing.assert_allclose(inverse_of(known.precision), inside, rtol=1e-6, atol=1e-9 * np.abs(inside).max())
     ratio = np.diag(known.model_error_covariance) / np.diag(inside)
@@ -85,17 +85,19 @@ def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
     told = replace(
         result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1))), model_error_covariance=0.5 * inside
     )
-    np.testing.assert_allclose(known_of(told, 50.0).model_error_covariance, 0.5 * inside, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        gaussian_posterior(told, 50.0).model_error_covariance, 0.5 * inside, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior():
     result = open_result()
     precision = result.precision.copy()
-    blind = known_of(result, 50.0).coefficients.names.index("Fv2")
+    blind = gaussian_posterior(result, 50.0).coefficients.names.index("Fv2")
     precision[blind], precision[:, blind] = 0.0, 0.0
-    known = known_of(replace(result, precision=precision), 50.0)
+    known = gaussian_posterior(replace(result, precision=precision), 50.0)
     assert known.supposed
-    assert not known_of(result, 50.0).supposed
+    assert not gaussian_posterior(result, 50.0).supposed
     size = expect(known.model).size
     np.testing.assert_allclose(known.precision - precision, np.diag(size**-2.0), rtol=1e-9, atol=1e-9)
     assert np.sqrt(known.now[blind, blind]) == pytest.approx(size[blind])

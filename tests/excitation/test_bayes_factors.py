@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayesid.excitation.competing import Belief, expected_factors
+from bayesid.excitation.bayes_factors import Belief, expected_factors
 
 R, EXTRA = 5, (2, 1, 3, 2)
 """Coefficients, and own columns of four cases."""

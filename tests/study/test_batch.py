@@ -13,7 +13,7 @@ from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
-from bayesid.study.separate_logs import identify_each
+from bayesid.study.batch import identify_each
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
 OPTIONS = {"terms": TERMS, "search": bayesid.Certified(), "posterior": False, "complete": "off"}

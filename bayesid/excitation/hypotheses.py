@@ -1,0 +1,86 @@
+"""Which hypotheses a motion is to distinguish: named by the user, or left equivalent by a discrepancy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from bayesid.discrepancy.numbers import CHANGE_OF
+from bayesid.effects import catalogue
+from bayesid.effects.catalogue import main_forms
+from bayesid.errors import InputError
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.hypotheses import EffectKey
+
+EXAMPLE = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
+Changes = Mapping[EffectKey, Mapping[str, float]]
+"""Hypotheses that change parameters of a term, and by how much, where the result has found it."""
+Classes = tuple[tuple[EffectKey, ...], ...]
+"""Classes of hypotheses to be distinguished within each class, in the order of their names."""
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Classes of effects to be distinguished, and those of them that are changes of a term."""
+
+    classes: Classes = ()
+    changed: Changes = field(default_factory=dict)
+
+
+def hypotheses_of(names: Sequence[str]) -> Hypotheses:
+    """One class by its names, as in ("stribeck_friction:3", "thermal_drift:3"); none of no names."""
+    return Hypotheses((tuple(map(parse_key, names)),) if names else ())
+
+
+def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: bool) -> Hypotheses:
+    """Hypotheses of a discrepancy that has found some effects.
+
+    Where no classes are named and they are asked for, the effects that its log could not distinguish are used.
+    """
+    changed: dict[EffectKey, dict[str, float]]
+    changed = {score.key: {} for added in found for score in added.competing if score.hypothesis.changes}
+    for added in found:
+        if names := added.hypothesis.changes:
+            changed[added.hypothesis.key] = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in names}
+    if asked and not classes:
+        classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found])
+    return Hypotheses(classes, changed)
+
+
+def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
+    joints = {score.hypothesis.effect: score.key[1] for score in reversed(added.competing)}  # the best of each name
+    return {name: joints.get(name) for name in added.equivalent}
+
+
+def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]]) -> Classes:
+    """Classes of hypotheses that a log could not distinguish.
+
+    Args:
+        found: of each effect that was found its name, its joints, and the effects that are equivalent with theirs. An
+            effect whose joints are not known acts in the same, or in the whole robot where it can in no joint alone.
+    """
+    whole = {name for name, kind in main_forms().items() if kind.acts_on == "robot"}
+
+    def placed(effect: str, joints: tuple[int, ...] | None, beside: tuple[int, ...]) -> EffectKey:
+        return effect, joints if joints is not None else () if effect in whole else beside
+
+    return tuple(
+        ((effect, joints), *(placed(one, where, joints) for one, where in others.items()))
+        for effect, joints, others in found
+        if others
+    )
+
+
+def parse_key(text: str) -> EffectKey:
+    """An effect and its joints, as in `stribeck_friction:3`.
+
+    Raises:
+        InputError: the effect is not in the catalogue, or a joint is not a whole number.
+    """
+    effect, *joints = text.strip().split(":")
+    if effect not in {kind.name.split(".")[0] for kind in catalogue.forms().values()}:
+        raise InputError(f"{effect!r} is not an effect of the catalogue", field="between", remedy=EXAMPLE)
+    try:
+        return effect, tuple(int(joint) for joint in joints if joint)
+    except ValueError:
+        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=EXAMPLE) from None
