@@ -21,7 +21,8 @@ import numpy as np
 from PIL import Image
 
 import bayesid
-from bayesid.report import findings, plot
+from bayesid.report import plot
+from bayesid.report.report_data import report_data
 
 DOCS = Path(__file__).resolve().parent
 GAINS = [35.0, 42.0, 30.0, 12.0, 16.0, 7.5]
@@ -64,7 +65,7 @@ def make_images() -> None:
         os.chdir(DOCS)
     search, sampling = bayesid.Certified(), bayesid.Sampling()
     result = bayesid.identify("kr5r650", monday, search=search, posterior=sampling)
-    found = findings.report_data(result).with_validation(result.validate(tuesday))
+    found = report_data(result).with_validation(result.validate(tuesday))
     pictures = {
         "signs": plot.torques(found, joints=[2, 6]),
         "coefficients": [plot.coefficients(found)],

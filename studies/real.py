@@ -39,7 +39,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.regression.least_squares import fit_signed
 from bayesid.regression.log_data import LogData
 from bayesid.report.conclusion import conclude
-from bayesid.report.findings import report_data
+from bayesid.report.report_data import report_data
 from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified

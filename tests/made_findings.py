@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.identification.options import Provenance
-from bayesid.report.findings import (
+from bayesid.report.report_data import (
     Alternatives,
     CoefficientTable,
     Correlation,

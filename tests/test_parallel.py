@@ -17,8 +17,8 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.parallel import one_blas_thread, quiet
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import report_data
 from bayesid.report.pages.identification_page import identification_page
+from bayesid.report.report_data import report_data
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

@@ -27,9 +27,9 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import ParameterPrior
 from bayesid.regression.noise import relative_rms
 from bayesid.report.conclusion import Conclusion, conclude, sentence
-from bayesid.report.findings import report_data
 from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification
 from bayesid.report.grading import unsaid
+from bayesid.report.report_data import report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.verdicts import check_findings
 from bayesid.report.words import counted

@@ -41,7 +41,6 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load
 from bayesid.motion import Motion
 from bayesid.progress import Progress
-from bayesid.report.findings import read_report_data
 from bayesid.report.motions import (
     DESIGN_FILES,
     DESIGN_MARKER,
@@ -53,6 +52,7 @@ from bayesid.report.motions import (
     save_design,
     save_next_motion,
 )
+from bayesid.report.report_data import read_report_data
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits

@@ -40,8 +40,8 @@ from bayesid.log.sources import find_logs
 from bayesid.motion import check_label
 from bayesid.report import grading, model_checks, tables, verdicts
 from bayesid.report.conclusion import Conclusion, conclude
-from bayesid.report.findings import report_data
 from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification, save_or_rescue
+from bayesid.report.report_data import report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.summary import Summary
 from bayesid.report.words import counted, quantity

@@ -31,10 +31,10 @@ from bayesid.identification.prediction import Validation
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
-from bayesid.report.findings import FILE, read_report_data
 from bayesid.report.folders import REPORT, VALIDATION_FILES, make_report, save_validation
 from bayesid.report.model_checks import validation
 from bayesid.report.payload import HEADINGS, PAYLOAD, PAYLOAD_FILES, payload_checks, payload_rows, save_payload
+from bayesid.report.report_data import FILE, read_report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.verdicts import check_findings
 from bayesid.signs.search.certified import Certified

@@ -30,7 +30,7 @@ from bayesid.signs.model_selection import ModelSelection
 from bayesid.signs.search.protocol import SearchResult
 
 if TYPE_CHECKING:
-    from bayesid.report.findings import ReportData
+    from bayesid.report.report_data import ReportData
 
 SURE = 0.99
 """Probability from which a sign counts as certain (README: of such samples at most 0.05 % are wrong)."""
@@ -147,7 +147,7 @@ class Identification(IdentifiedModel):
             >>> data.prediction.predicted.shape
             (301, 3)
         """
-        from bayesid.report.findings import report_data
+        from bayesid.report.report_data import report_data
 
         return report_data(self)
 

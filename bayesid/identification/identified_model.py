@@ -44,7 +44,7 @@ from bayesid.regression.noise import Noise
 from bayesid.robot import check_joints
 
 if TYPE_CHECKING:
-    from bayesid.report.findings import ReportData
+    from bayesid.report.report_data import ReportData
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class IdentifiedModel:
         if not self.folder:
             remedy = "load it with bayesid.load(folder)"
             raise InputError("was not loaded from a result folder", self.model.robot.name, remedy)
-        from bayesid.report.findings import read_report_data
+        from bayesid.report.report_data import read_report_data
 
         return read_report_data(self.folder)
 

@@ -1,4 +1,4 @@
-"""Reports for people: verdicts, tables, findings, figures and pages."""
+"""Reports for people: verdicts, tables, arrays, figures and pages."""
 
 from importlib import import_module
 

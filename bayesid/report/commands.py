@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayesid.identification.checks import Check
-from bayesid.report.findings import ReportData
+from bayesid.report.report_data import ReportData
 from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
 

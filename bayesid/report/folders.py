@@ -33,8 +33,8 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.prediction import Validation
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress, Show
-from bayesid.report.findings import FILE as FINDINGS
-from bayesid.report.findings import ReportData, read_report_data, report_data, write_findings
+from bayesid.report.report_data import FILE as FINDINGS
+from bayesid.report.report_data import ReportData, read_report_data, report_data, write_findings
 from bayesid.report.result_files import (
     MARKER,
     validation_summary,

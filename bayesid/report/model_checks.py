@@ -14,8 +14,8 @@ from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
-from bayesid.report.findings import ReportData
 from bayesid.report.grading import graded
+from bayesid.report.report_data import ReportData
 from bayesid.report.summary import CompletionSummary, Numbers, Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import in_percent, joints_in_words, label, listed, rounded

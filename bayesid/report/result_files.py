@@ -24,9 +24,9 @@ from bayesid.log.kept_reading import as_corrected, plain_reading
 from bayesid.log.log import Log, Piece
 from bayesid.log.signals import Signals
 from bayesid.log.velocities import derived
-from bayesid.report.findings import FILE as FINDINGS
-from bayesid.report.findings import ReportData, write_findings
 from bayesid.report.grading import verdict
+from bayesid.report.report_data import FILE as FINDINGS
+from bayesid.report.report_data import ReportData, write_findings
 from bayesid.report.summarise import log_parts, summarise
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.verdicts import check_findings

@@ -17,9 +17,9 @@ from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.report import commands
-from bayesid.report.findings import ReportData
 from bayesid.report.grading import graded, unsaid
 from bayesid.report.model_checks import additional_effects, decided, fit, gains, intervals, validation, whiteness
+from bayesid.report.report_data import ReportData
 from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted

@@ -21,9 +21,9 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream
 from bayesid.log.reading import read_log
 from bayesid.progress import SILENT, Progress, Show
-from bayesid.report.findings import report_data
 from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification
 from bayesid.report.grading import worst
+from bayesid.report.report_data import report_data
 from bayesid.report.result_files import coefficient_rows
 from bayesid.report.verdicts import check_findings
 from bayesid.robot import Robot, load_robot

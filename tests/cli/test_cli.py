@@ -308,7 +308,7 @@ def test_a_validation_is_on_the_report(arm_result, arm_place, capfd):
     assert err == ""
     changed = {path for path, content in everything(arm_result).items() if others.get(path) != content}
     assert {path.name for path in changed} == {"findings.npz", "report.html"}
-    assert bayesid.report.findings.read_report_data("result").prediction.source == "other.csv"
+    assert bayesid.report.report_data.read_report_data("result").prediction.source == "other.csv"
     shown = everything(arm_result)
     assert run("validate", "result", "log.csv", "--quiet") == 0
     assert everything(arm_result) == shown, "a log that the model has seen is no validation"

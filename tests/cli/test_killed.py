@@ -14,7 +14,7 @@ from command_line import TWO_JOINTS
 
 import bayesid
 from bayesid.cli import main
-from bayesid.report.findings import read_report_data
+from bayesid.report.report_data import read_report_data
 
 pytestmark = [pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"), pytest.mark.usefixtures("any_motion")]
 

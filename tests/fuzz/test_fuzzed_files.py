@@ -29,7 +29,7 @@ from bayesid.log.formats.stated import parse_columns
 from bayesid.log.reading import read_log, read_motion
 from bayesid.log.sources import find_logs
 from bayesid.regression.knowledge import ParameterPrior, read_nominal
-from bayesid.report.findings import read_report_data
+from bayesid.report.report_data import read_report_data
 from bayesid.robot import load_robot, robot_from_table
 
 RECORDED = {name: values.round(5) for name, values in smooth_recording(2, 60, 50.0).items()}

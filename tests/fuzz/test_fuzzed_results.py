@@ -20,8 +20,8 @@ from bayesid.files.config import CONFIG
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load, model_table
 from bayesid.regression.noise import Noise
-from bayesid.report.findings import read_report_data, write_findings
 from bayesid.report.folders import make_report
+from bayesid.report.report_data import read_report_data, write_findings
 from bayesid.report.summary import as_json
 
 N = 2

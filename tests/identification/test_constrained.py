@@ -20,9 +20,9 @@ from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import identify
 from bayesid.log.gains import gains_of
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.pages.identification_page import identification_page
+from bayesid.report.report_data import report_data
 from bayesid.report.summarise import summarise
 from bayesid.robot import robot_table
 

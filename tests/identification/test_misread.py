@@ -19,9 +19,9 @@ from bayesid.log.reading import read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.log_data import LogData
-from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.grading import verdict
+from bayesid.report.report_data import report_data
 from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified

@@ -16,8 +16,8 @@ from bayesid.log.log import Log
 from bayesid.log.signals import signed_effort
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
+from bayesid.report.report_data import report_data
 from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified

@@ -10,9 +10,9 @@ from made_discrepancy import make
 
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import report_data
 from bayesid.report.pages.discrepancy_page import discrepancy_page
 from bayesid.report.pages.identification_page import identification_page
+from bayesid.report.report_data import report_data
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate_log
 

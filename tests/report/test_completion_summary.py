@@ -6,8 +6,8 @@ import pytest
 from completion_problems import identified
 
 from bayesid.files.writing import read_json
-from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
+from bayesid.report.report_data import report_data
 from bayesid.report.summary import EffectSummary, Summary, as_json
 
 HIDDEN = ("stribeck_friction", "delay")

@@ -10,11 +10,11 @@ from bayesid.effects.bodies import Payload
 from bayesid.effects.drive import TorqueOffset
 from bayesid.report.brief import in_brief
 from bayesid.report.discrepancy import discrepancy_checks
-from bayesid.report.findings import binned
 from bayesid.report.pages.discrepancy_page import discrepancy_page
 from bayesid.report.pages.rendering import typeset
 from bayesid.report.plot.discrepancy import residual_figure
 from bayesid.report.plot.drawing import draw
+from bayesid.report.report_data import binned
 
 
 def page_of(result):

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 import bayesid
 from bayesid.errors import InputError
 from bayesid.report import plot
-from bayesid.report.findings import binned
 from bayesid.report.folders import save_identification
 from bayesid.report.plot.figure import BLUE, MAGENTA, ORANGE
+from bayesid.report.report_data import binned
 from bayesid.simulation.logs import simulate_log
 
 FOUND = make_findings(n=3, validated=True)

@@ -13,7 +13,6 @@ import bayesid
 from bayesid.cli import main
 from bayesid.errors import InputError
 from bayesid.report import result_files
-from bayesid.report.findings import read_report_data
 from bayesid.report.folders import (
     IncompleteWarning,
     check_result_folder,
@@ -21,6 +20,7 @@ from bayesid.report.folders import (
     save_identification,
     save_validation,
 )
+from bayesid.report.report_data import read_report_data
 
 PAGE = "bayesid.report.pages.identification_page.identification_page"
 ARM = """convention = "standard"

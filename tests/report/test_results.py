@@ -10,8 +10,8 @@ from scipy import linalg, stats
 from bayesid.log.reading import read_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
-from bayesid.report.findings import read_report_data
 from bayesid.report.folders import save_identification, save_validation
+from bayesid.report.report_data import read_report_data
 from bayesid.report.result_files import inference_data, parameter_rows
 
 

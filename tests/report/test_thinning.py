@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayesid.report.findings import binned, envelope, evenly
+from bayesid.report.report_data import binned, envelope, evenly
 
 
 def test_rows_are_spread_evenly_from_end_to_end():

@@ -15,7 +15,6 @@ from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
 from bayesid.report.conclusion import conclude
-from bayesid.report.findings import Alternatives, ReportData, SegmentTable, report_data
 from bayesid.report.pages import rendering as html
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
@@ -28,6 +27,7 @@ from bayesid.report.plot.identification import (
     validation_panel,
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
+from bayesid.report.report_data import Alternatives, ReportData, SegmentTable, report_data
 from bayesid.report.summary import shown_rows
 from bayesid.report.tables import (
     CONSTRAINT_HEADINGS,

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
 from bayesid.identification.checks import Check
-from bayesid.report.findings import evenly
 from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks, corners
+from bayesid.report.report_data import evenly
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import rounded
 

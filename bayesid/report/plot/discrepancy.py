@@ -14,8 +14,8 @@ from bayesid.identification.prediction import NORMAL_95
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.report.comparison import moved_parameters
-from bayesid.report.findings import binned, evenly
 from bayesid.report.plot import figure as fig
+from bayesid.report.report_data import binned, evenly
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, rounded, score_label, unit_of
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
-from bayesid.report.findings import envelope
+from bayesid.report.report_data import envelope
 
 INK, ORANGE, BLUE, MAGENTA = "#767676", "#cc6a1a", "#2b83c6", "#c2408f"
 WIDTH, WIDE = 5.4, 10.0

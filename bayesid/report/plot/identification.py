@@ -11,9 +11,9 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.identification.identification import Identification
-from bayesid.report.findings import ReportData, read_report_data, report_data
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import chosen_joints, draw
+from bayesid.report.report_data import ReportData, read_report_data, report_data
 from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Source = Identification | ReportData | str | Path
 """An identification, its findings, or its result folder."""
 VARIABLES = ("t", "velocity", "position")
-"""Over which a residual can be drawn; names as in `bayesid.report.findings.Samples`."""
+"""Over which a residual can be drawn; names as in `bayesid.report.report_data.Samples`."""
 
 
 def findings_of(result: Source) -> ReportData:

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
-from bayesid.report.findings import evenly
 from bayesid.report.plot.drawing import SIZE, dress, given_axes, legend, new_figure
 from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
+from bayesid.report.report_data import evenly
 from bayesid.report.tuning import TUNING
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import pose

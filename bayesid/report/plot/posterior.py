@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.report.findings import ReportData
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import draw
 from bayesid.report.plot.identification import Source, findings_of
+from bayesid.report.report_data import ReportData
 from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:

@@ -13,10 +13,10 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import ParameterPrior
-from bayesid.report import findings as findings_module
-from bayesid.report.findings import FILE, read_report_data, report_data, write_findings
+from bayesid.report import report_data as module
 from bayesid.report.folders import save_identification
 from bayesid.report.grading import verdict
+from bayesid.report.report_data import FILE, read_report_data, report_data, write_findings
 from bayesid.report.summary import as_json
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings
@@ -216,7 +216,7 @@ def test_what_differs_in_other_assignments(half_signed):
 
 def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
     whole, validation = report_data(half_signed), half_signed.validate(half_signed.log)
-    monkeypatch.setattr(findings_module, "TUNING", replace(TUNING, samples=100))
+    monkeypatch.setattr(module, "TUNING", replace(TUNING, samples=100))
     thin = report_data(half_signed).with_validation(validation)
     count = len(whole.samples.t)
     assert thin.samples.every == round(count / 100) == 5
