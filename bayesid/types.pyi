@@ -13,7 +13,7 @@ from .monitor.changes import Alarm as Alarm
 from .monitor.tracker import TrackedSample as TrackedSample
 from .regression.selection.fitted_effects import Thresholds as Thresholds
 from .regression.stated import StatedParameters as StatedParameters
-from .report.findings import ReportData as ReportData
+from .report.report_data import ReportData as ReportData
 from .robot.collision import Capsules as Capsules
 from .robot.collision import CollisionModel as CollisionModel
 from .study.batch import BatchResult as BatchResult
