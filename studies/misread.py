@@ -68,14 +68,17 @@ class Case:
     kind: str
 
 
-def _exchanged(log: Log, rng: np.random.Generator, positions: bool) -> Log:
-    n = log.n_joints
-    pairs = list(combinations(range(n), 2))
+def _exchanged(log: Log, rng: np.random.Generator, *columns: str) -> Log:
+    """Columns "q" (positions and velocities) or "effort" of two random joints exchanged."""
+    pairs = list(combinations(range(log.n_joints), 2))
     a, b = pairs[rng.integers(len(pairs))]
-    order = np.arange(n)
+    order = np.arange(log.n_joints)
     order[[a, b]] = b, a
-    log = replace(log, effort=log.effort[:, order])
-    return replace(log, q=log.q[:, order], dq=None if log.dq is None else log.dq[:, order]) if positions else log
+    if "effort" in columns:
+        log = replace(log, effort=log.effort[:, order])
+    if "q" in columns:
+        log = replace(log, q=log.q[:, order], dq=None if log.dq is None else log.dq[:, order])
+    return log
 
 
 def _times(log: Log, q: Array | float, effort: Array | float) -> Log:
@@ -105,8 +108,9 @@ def _unrelated(log: Log, rng: np.random.Generator) -> Log:
 
 
 _LOGS: dict[str, tuple[str, Callable[[Log, np.random.Generator], Log], bool]] = {
-    "joints exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, True), True),
-    "efforts exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, False), True),
+    "joints exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, "q", "effort"), True),
+    "efforts exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, "effort"), True),
+    "positions exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, "q"), True),
     "joint turned": ("direction", _turned, True),
     "position turned": (
         "direction",
