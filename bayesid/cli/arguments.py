@@ -148,7 +148,8 @@ _PAYLOAD = Command(
             *shared("--seed --time-limit"),
         ],
     },
-    details="--common-sd by default: 10 % without gains, 0 with exact ones, else estimated",
+    details="--common-sd by default: 10 % for torques, 0 with exact gains, else estimated",
+    moved={"--no-posterior": "a payload is always sampled; --posterior-budget 0 is fastest"},
 )
 _TRACK = Command(
     "track",

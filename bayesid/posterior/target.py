@@ -132,7 +132,7 @@ def make_prior(
     if nominal is not None:
         stated = np.isfinite(nominal.mean)
         mean, sd = np.where(stated, nominal.mean, mean), np.where(stated, nominal.sd, sd)
-    windows, inside = _windows(cone, links), _inner_point(cone, links, sd)
+    windows, inside = _windows(cone, links, likelihood.n_joints), _inner_point(cone, links, sd)
     scales = np.full(likelihood.n_joints, TUNING.log_scale_sd)
     region = FeasibleSet.of(replace(cone, stated=None), *_half_spaces(windows, cone.size))
     prior = TruncatedGaussian(region, mean, sd, scales, inside, windows)
@@ -188,7 +188,8 @@ def _sizes(likelihood: Likelihood, information: InformationMatrix | None) -> Arr
     return sizes
 
 
-def _windows(cone: Cone, links: LinkPrior) -> tuple[Bound, ...]:
+def _windows(cone: Cone, links: LinkPrior, n_links: int) -> tuple[Bound, ...]:
+    """Windows of the bodies; those beyond the links are payloads."""
     if not len(cone.bodies):
         return ()
     windows, total, none = [], np.zeros(cone.size), np.zeros(cone.size)
@@ -197,7 +198,9 @@ def _windows(cone: Cone, links: LinkPrior) -> tuple[Bound, ...]:
         trace[body[[0, 3, 5]]] = 0.5  # tr(Sigma) = tr(J) / 2
         mass[body[9]] = links.largest_radius**2
         total[body[9]] = 1.0
-        windows.append(Bound(f"radius of gyration of link {number}", trace, 0.0, mass, 0.0))
+        payload = "the payload" if len(cone.bodies) == n_links + 1 else f"payload {number - n_links}"
+        whose = f"link {number}" if number <= n_links else payload
+        windows.append(Bound(f"radius of gyration of {whose}", trace, 0.0, mass, 0.0))
     least, most = links.total_mass
     windows.append(Bound("mass of all links, from above", total, 0.0, none, most))
     windows.append(Bound("mass of all links, from below", none, least, total, 0.0))

@@ -7,15 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from bayesid.files.writing import save_folder, write_json
-from bayesid.identification.checks import Check, convergence
+from bayesid.identification.checks import Check, convergence, spread_in_words
+from bayesid.identification.gains import BY_PRIOR
+from bayesid.identification.identification import KNOWN
 from bayesid.identification.payload import ASSUMED, AXES, BY_GAINS, Estimate, PayloadEstimate
 from bayesid.log.kept_reading import in_words
+from bayesid.report.grading import graded
 from bayesid.report.summary import as_object, taken
+from bayesid.report.tuning import TUNING
 from bayesid.report.words import in_percent, joints_in_words, quantity, rounded
 
 PAYLOAD = "payload.json"
 PAYLOAD_FILES = frozenset({PAYLOAD})
 HEADINGS = ("payload", "value", "sd", "95 % interval", "unit")
+_TURN = "record a motion that turns the payload against gravity, with all joints"
 
 
 def save_payload(reading: PayloadEstimate, folder: str | Path) -> Path:
@@ -74,18 +79,29 @@ def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
 
 def payload_checks(reading: PayloadEstimate, result: str = "RESULT") -> tuple[Check, ...]:
     """Checks of a payload; `result` is the folder of the earlier result, for the remedy."""
-    return (_gains(reading), _mass(reading), _unchanged(reading, result), _sampling(reading))
+    return (_gains(reading, result), _mass(reading), _unchanged(reading, result), _sampling(reading))
 
 
 def _mass(reading: PayloadEstimate) -> Check:
-    mass = reading.body.mass
-    if reading.body.shown:
-        low, high = (rounded(end) for end in mass.interval)
-        said = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
-        by_log = f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
-        return Check("Payload", "good", f"{said}{by_log}")
-    said = f"not significantly above zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
-    return Check("Payload", "look", said)
+    """The relative sd of the mass; with a known mass that without the efforts' common factor, which it replaces."""
+    mass, name = reading.body.mass, "Payload"
+    if not reading.body.shown:
+        said = f"not significantly above zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
+        return Check(name, "look", said, f"if the robot carried one, {_TURN}")
+    low, high = (rounded(end) for end in mass.interval)
+    said = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
+    said += f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
+    by_log = reading.mass_sd_by_log / mass.value
+    share = by_log if reading.known_mass is not None else mass.sd / mass.value
+    if share > KNOWN:
+        said += f"; relative sd {rounded(100.0 * share)} % (good: up to {in_percent(KNOWN)})"
+    remedy = _TURN if by_log > KNOWN else _weigh(reading)
+    return graded(name, share, (KNOWN, TUNING.poorly_known), said, remedy)
+
+
+def _weigh(reading: PayloadEstimate) -> str:
+    stated = ", or state --common-sd" if reading.common_sd_from == ASSUMED else ""
+    return f"weigh the payload and give --known-mass{stated}"
 
 
 def _unchanged(reading: PayloadEstimate, result: str) -> Check:
@@ -97,15 +113,17 @@ def _unchanged(reading: PayloadEstimate, result: str) -> Check:
     seen = f"{residual}{check.MOST_RESIDUAL:g}), {links}, {own}"
     if check.passed:
         return Check(name, "good", f"none detected: {seen}")
-    command = shlex.join(
-        ["bayesid", "discrepancy", result, reading.identification.log.source, *in_words(reading.read_with)]
-    )
-    remedy = f"`{command}` finds what has changed"
+    remedy = _names_change(reading, result)
     if check.residual[worst] <= check.MOST_RESIDUAL and check.chi_square <= check.limit:
         which = joints_in_words(check.joints)
         return Check(name, "look", f"friction or offset of {which} has changed: {seen}", remedy)
     which = joints_in_words(check.joints) if check.joints else "the links"
     return Check(name, "bad", f"{which} changed too, so the payload may be wrong: {seen}", remedy)
+
+
+def _names_change(reading: PayloadEstimate, result: str) -> str:
+    words = ["bayesid", "discrepancy", result, reading.identification.log.source, *in_words(reading.read_with)]
+    return f"`{shlex.join(words)}` finds what has changed"
 
 
 def _sampling(reading: PayloadEstimate) -> Check:
@@ -115,26 +133,28 @@ def _sampling(reading: PayloadEstimate) -> Check:
     return Check("Sampling", "look", f"not converged ({figures})", "give more --posterior-budget")
 
 
-def _gains(reading: PayloadEstimate) -> Check:
+def _gains(reading: PayloadEstimate, result: str) -> Check:
     """The common scale error of all efforts, which mass and inertia share; with a known mass, its estimate."""
     if reading.known_mass is not None:
-        return _gains_by_mass(reading)
-    off = in_percent(reading.common_sd)
-    if reading.common_sd_from == ASSUMED:
-        said = f"not stated; a scale error of all torques of {off} (sd) is included in mass and inertia"
-        return Check("Gains", "look", said, "weigh the payload and give --known-mass, or state --common-sd")
+        return _gains_by_mass(reading, result)
+    included = f"{spread_in_words(reading.common_sd)} (sd), which is included in mass and inertia"
+    if reading.common_sd_from == ASSUMED:  # a log of torques has no gains
+        said = f"a scale error common to all torques is assumed: {included}"
+        return Check("Torque scale", "look", said, _weigh(reading))
     if reading.common_sd_from == BY_GAINS:
-        return Check("Gains", "good", f"common factor known to {off} (sd), which is included in mass and inertia")
-    exact = (
-        f"a scale error of all torques of {off} (sd) is included in mass and inertia" if reading.common_sd else "exact"
-    )
+        gains, said = reading.identification.gains, f"common factor known to {included}"
+        if gains is None or gains.factor_decided_by != BY_PRIOR:
+            return graded("Gains", reading.common_sd, (KNOWN, TUNING.poorly_known), said, _weigh(reading))
+        return Check("Gains", "look", f"{said}; the earlier log does not show it", _weigh(reading))
+    exact = f"a scale error of all efforts of {included}" if reading.common_sd else "exact"
     return Check("Gains", "good", f"stated: {exact}")
 
 
-def _gains_by_mass(reading: PayloadEstimate) -> Check:
+def _gains_by_mass(reading: PayloadEstimate, result: str) -> Check:
     factor, passed, known = reading.gain_factor, reading.check.passed, reading.identification.identified.gains
+    name = "Gains" if reading.identification.log.read_with.get("gains") is not None else "Torque scale"
     if factor is None:
-        return Check("Gains", "bad", "no payload was detected, so the known mass does not calibrate the efforts")
+        return Check(name, "bad", "no payload was detected, so the known mass does not calibrate the efforts", _TURN)
     times, which = (1.0 / factor.value, "large") if factor.value < 1.0 else (factor.value, "small")
     low, high = factor.interval
     said = (
@@ -142,10 +162,11 @@ def _gains_by_mass(reading: PayloadEstimate) -> Check:
         f"{quantity(factor.value, factor.sd, '')} (95 %: {low:.3f} to {high:.3f})"
     )
     said += "; not significantly different from 1" if low <= 1.0 <= high else ""
-    said += "" if passed else ", if nothing else has changed"
+    if not passed:
+        return Check(name, "look", f"{said}, if nothing else has changed", _names_change(reading, result))
     remedy = ""
     if reading.gains is not None:
         remedy = f"read logs with --gains {','.join(f'{gain:.4g}' for gain in reading.gains[1])}"
         if known is not None and known.stated.of_torques:
             remedy += ' --columns i="tau{}"'  # exact gains are for currents
-    return Check("Gains", "good" if passed else "look", said, remedy)
+    return Check(name, "good", said, remedy)

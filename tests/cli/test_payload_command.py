@@ -62,9 +62,11 @@ def test_a_payload_is_shown_and_written(place, capfd):
     assert (read["check"]["passed"], read["check"]["joints"]) == (True, [])
     assert read["gain_factor"] is read["gains"] is read["known_mass"] is None
     assert read["log"] == "loaded.csv"
-    assert out.index("Gains: not stated") < out.index("Payload: "), "why it is not known better comes first"
+    assert out.index("Torque scale: ") < out.index("Payload: "), "why it is not known better comes first"
     assert read["common_factor"] == {"sd": 0.1, "from": "assumed"}
-    assert [one.partition(":")[0] for one in read["warnings"]] == ["Gains"], "what is no warning on the terminal"
+    assert [one.partition(":")[0] for one in read["warnings"]] == ["Torque scale", "Payload"], (
+        "what is no warning on the terminal"
+    )
     assert run("payload", "result", "loaded.csv", "--common-sd", "1%", "--out", "out", "--force", *QUICK) == 0
     assert 0.01 < written(place)["mass"]["sd"] / MASS < 0.03 < read["mass"]["sd"] / MASS
 

@@ -93,8 +93,15 @@ def test_a_payload_is_read():
     assert AXES == ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
+def test_bounds_of_the_prior_name_the_payload():
+    """The bodies of the model are the three links and the payload."""
+    names = [window.name for window in reading(0).posterior.target.prior.windows]
+    assert names[:4] == [f"radius of gyration of {name}" for name in ("link 1", "link 2", "link 3", "the payload")]
+
+
 def test_without_a_payload_there_is_none():
     read = reading(0, loaded=False)
+    assert payload_checks(read)[1].remedy
     assert not read.body.shown
     assert read.check.passed
     assert read.body.centre is read.body.inertia is None
@@ -139,6 +146,31 @@ def test_gains_that_are_off_by_a_tenth():
     assert low < MASS < 1.2 * MASS < high
     assert nobody_knows.mass_sd_by_log == exact.mass_sd_by_log == pytest.approx(exact.body.mass.sd)
     assert [payload_checks(one)[0].state for one in (nobody_knows, exact, read)] == ["look", "good", "good"]
+
+
+@pytest.mark.parametrize(
+    ("sd", "by_log", "source", "known", "gains", "mass", "says"),
+    [
+        (0.2, 0.05, "gains", None, "good", "good", ""),
+        (2.74, 0.05, "gains", None, "bad", "bad", "--known-mass"),
+        (2.74, 0.05, "gains", (2.0, 0.1), "good", "good", ""),  # the known mass replaces the common factor
+        (0.24, 0.05, "assumed", None, "look", "look", "--common-sd"),
+        (0.5, 0.45, "stated", None, "good", "look", "against gravity"),
+    ],
+)
+def test_the_relative_sd_of_the_mass_enters_the_verdict(sd, by_log, source, known, gains, mass, says):
+    """Good up to 10 %, bad above 100 %, of a mass of 2 kg; every check that is not good says what to do."""
+    read = reading(0)
+    body = replace(read.body, mass=Estimate(2.0, sd, (1.9, 2.1)))
+    share = np.sqrt(max(sd**2 - by_log**2, 0.0)) / 2.0
+    factor = None if known is None else Estimate(1.0, 0.02, (0.96, 1.04))
+    wide = replace(read, body=body, common_sd=share, common_sd_from=source, mass_sd_by_log=by_log)
+    checks = payload_checks(replace(wide, known_mass=known, gain_factor=factor))
+    assert [checks[0].state, checks[1].state] == [gains, mass]
+    assert checks[0].name == ("Torque scale" if source == "assumed" or known else "Gains")
+    assert all(check.remedy for check in checks if check.state != "good")
+    assert says in checks[1].remedy
+    assert mass == "good" or f"relative sd {50.0 * sd:.0f}" in checks[1].message
 
 
 def test_limits_keep_the_false_alarms_and_name_what_has_changed():
