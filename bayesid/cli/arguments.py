@@ -193,7 +193,6 @@ _REPORT = Command(
     [*shared("result --strict"), *out("file (default: report.html in the folder)", metavar="FILE")],
     moved={"--validation": "`bayesid validate RESULT LOG` adds another log to the report"},
 )
-_EFFORT_LIMITS = option("--effort-limits L1,..", "N m (default: of --limits or the URDF)")
 _CAPSULES = option("--capsules R,..", "radii of capsules around the links, m")
 _FOR_RESULT = [
     option("--about NAME,..", "goal (default: all not known to 10 %%)"),
@@ -213,7 +212,7 @@ _FOR_ROBOT = [
     option("--periods K", "periods in the duration", type=whole, default=1),
     *shared("--noise --nominal --cutoff --seed"),
 ]
-FOR_RESULT = [name for name, _ in (_EFFORT_LIMITS, _CAPSULES, *_FOR_RESULT)]
+FOR_RESULT = [name for name, _ in (_CAPSULES, *_FOR_RESULT)]
 """Options of `excite` that need `--for`."""
 FOR_ROBOT = [name for name, _ in _FOR_ROBOT] + READING.split() + ["--no-degrees", "--config"]
 """Options without effect with `--for`: the result has its own terms, noise and parameters."""
@@ -231,7 +230,7 @@ _EXCITE = Command(
         *shared("--robot", "needed without --for; with it: limits and shapes"),
         path("--log LOG", "assess the motion of this log"),
         path("--limits FILE", "joint limits: TOML or URDF (see below)"),
-        *(_EFFORT_LIMITS, _CAPSULES),
+        _CAPSULES,
         *shared("--duration --config"),
         *out("folder (default: bayesid-motion)", default=Path("bayesid-motion")),
     ],
@@ -242,8 +241,8 @@ _EXCITE = Command(
         "without --for": _FOR_ROBOT,
         "how the log is read, without --for": shared(READING),
     },
-    details="limits: lower, upper, velocity, acceleration, jerk, effort (default: of the\n"
-    "  robot's URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)\n\n"
+    details="limits: lower, upper, velocity, acceleration, jerk, effort (N m); default: of\n"
+    "  the robot's URDF, else +-2 rad, 3 rad/s, 15 rad/s^2\n\n"
     "--about: coefficients, parameters, effects, gains, payload, signs\n\n" + _STANDARD_TERMS,
 )
 _FLOOR = Command(

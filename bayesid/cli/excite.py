@@ -55,7 +55,7 @@ from bayesid.report.motions import (
 from bayesid.report.report_data import read_report_data
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
-from bayesid.simulation.trajectories import MotionLimits
+from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
 _IDENTIFY = "bayesid", "identify"
 
@@ -160,7 +160,6 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
             rate=options.rate,
             start=numbers(options.start, "--start"),
             limits=_limits(options, robot),
-            effort_limits=numbers(options.effort_limits, "--effort-limits"),
             clearance=clearance,
             payload=options.payload,
             changes=options.changes,
@@ -223,8 +222,9 @@ def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel)
 
 
 def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
-    source = options.limits or (None if robot.origin is None else robot.origin.urdf)
-    return None if source is None else read_limits(source, robot)
+    urdf = None if robot.origin is None else robot.origin.urdf
+    of_robot = None if urdf is None else read_limits(urdf, robot)
+    return of_robot if options.limits is None else read_limits(options.limits, robot, of_robot or INDUSTRIAL_ARM)
 
 
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:

@@ -14,7 +14,7 @@ jerks: they have the defaults too.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +30,14 @@ _KEYS = tuple(field.name for field in fields(MotionLimits))
 _REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number a joint"
 
 
-def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
+def read_limits(path: str | Path, robot: Robot | None = None, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
     """Limits from a TOML file with the keys lower, upper, velocity, acceleration, jerk and effort, or from a URDF file.
 
     Args:
         path: ends in .urdf or .xml for a URDF.
-        robot: whose joints are looked up in a URDF by their names; without it, or if they have none, the URDF must be
-            one chain.
+        robot: its joints are found in a URDF by their names. Without a robot, or without names, the URDF must be one
+            chain.
+        default: limits for keys that a TOML file lacks.
 
     Raises:
         InputError: the file cannot be read, or its limits cannot be used.
@@ -45,14 +46,14 @@ def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
     text = read_source(path, _REMEDY)
     if path.suffix in (".urdf", ".xml"):
         return _urdf_limits(text, robot, str(path))
-    return _of_table(toml_of(text, str(path), _REMEDY), str(path))
+    return _of_table(toml_of(text, str(path), _REMEDY), str(path), default)
 
 
-def _of_table(table: Mapping[str, Any], where: str) -> MotionLimits:
+def _of_table(table: Mapping[str, Any], where: str, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}", where, _REMEDY)
-    return _made({key: _numbers(value, f"{where}, {key}") for key, value in table.items()}, where)
+    return _made({key: _numbers(value, f"{where}, {key}") for key, value in table.items()}, where, default)
 
 
 def check_limits(limits: MotionLimits | Mapping[str, Any] | str | Path | None, robot: Robot) -> MotionLimits:
@@ -89,12 +90,12 @@ def check_between(value: float, least: float, most: float, field: str, unit: str
         raise InputError(f"{value:g} {unit} cannot be used", field=field, remedy=f"give {least:g} to {most:g} {unit}")
 
 
-def _made(table: dict[str, Any], where: str) -> MotionLimits:
+def _made(table: dict[str, Any], where: str, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
     sizes = sorted({len(value) for value in table.values() if isinstance(value, tuple)})
     if len(sizes) > 1:
         raise InputError(f"lists of {sizes[0]} and of {sizes[-1]} numbers", where, "give one number a joint")
     try:
-        return MotionLimits(**table)
+        return replace(default, **table)
     except ValueError as error:
         raise InputError(str(error), where, _REMEDY) from None
 

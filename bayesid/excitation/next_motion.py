@@ -274,7 +274,7 @@ def _settled(
         if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
             said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:8])} for {robot.n_joints} joints"
             remedy = "give a positive number for each joint, or one for all, N m"
-            raise InputError(said, field="effort_limits", remedy=remedy)
+            raise InputError(said, field="MotionSettings.effort_limits", remedy=remedy)
         limits = check_limits(replace(limits, effort=run.effort_limits), robot)
     start = 0.5 * np.add(limits.lower, limits.upper) if recorded is None else recorded.q[0]
     start = np.asarray(start if run.start is None else run.start, dtype=float)
@@ -295,8 +295,8 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
     for j in np.flatnonzero(np.abs(mean) + TUNING.band * sd > feasibility.effort)[:1].tolist():
         needed = f"{mean[j]:.3g} +- {TUNING.band * sd[j]:.3g} N m"
         said = f"joint {j + 1} may need {needed} at the start, its limit is {feasibility.effort[j]:.3g} N m"
-        remedy = "give another `start`, or state what is known (`ParameterPrior.nominal`) when the log is identified"
-        raise InputError(said, field="effort_limits", remedy=remedy)
+        remedy = "give another `start`, or identify with parameters from CAD (`ParameterPrior.nominal`)"
+        raise InputError(said, field="limits", remedy=remedy)
     if clearance is not None and not feasibility.clear(still, 0.0, still.duration):
         distance = float(clearance.distance(pose[None])[0])
         said = (
@@ -371,12 +371,12 @@ def _unchecked(run: MotionSettings, limits: MotionLimits, *, assumed: bool) -> t
     usual = "the robot's own joint limits: default limits, extended to the log's range, are used (--limits)"
     said = [usual] if assumed else []
     if limits.effort is None:
-        said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
+        said.append("efforts: no limits are known (--limits with `effort`, or a URDF with them)")
     elif not np.isfinite(limits.effort).all():
         joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(limits.effort)) + 1))
-        said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
+        said.append(f"efforts of joints {joints}: no limits are known (--limits with `effort`)")
     if limits.jerk is None:
-        said.append("jerks: no limits are known (a key of the file that --limits takes)")
+        said.append("jerks: no limits are known (--limits with `jerk`)")
     clearance = shapes_of(run)
     if clearance is None:
         reason = run.clearance.reason if isinstance(run.clearance, NoShapes) else "no shapes are known"

@@ -12,7 +12,6 @@ from payload_cases import PayloadCase
 
 import bayesid
 
-EFFORTS = "200,150,80"
 QUICK = ("--duration", "4", "--rate", "50", "--changes", "20")
 
 
@@ -43,7 +42,8 @@ def here(made, tmp_path, monkeypatch):
 
 
 def test_a_motion_is_written_with_what_it_will_tell_and_what_nobody_checked(here, capsys):
-    limits = ("--effort-limits", EFFORTS, "--capsules", "0.03", "--floor", "none")
+    (here / "limits.toml").write_text("effort = [200, 150, 80]\n")
+    limits = ("--limits", "limits.toml", "--capsules", "0.03", "--floor", "none")
     assert run("excite", "--for", "result", "--about", "Fc2", *QUICK, *limits, "--out", "next") == 0
     said = capsys.readouterr().out
     assert "NOT checked: jerks" in said

@@ -38,6 +38,10 @@ def test_limits_from_a_table(tmp_path):
     assert (each.jerk, each.effort, each.acceleration) == ((200.0, 150.5), (80.0, 80.0), (15.0, 15.0))
     with pytest.raises(InputError, match="2 numbers for 'lower'"):
         check_limits(limits, small_robot(3))
+    default = MotionLimits((-1.0, -2.0), (1.0, 2.5), (3.0, 2.0))
+    assert read_limits(table(tmp_path, "effort = [80, 40]\nupper = 2\n"), default=default) == MotionLimits(
+        (-1.0, -2.0), 2.0, (3.0, 2.0), effort=(80.0, 40.0)
+    )
     few = check_limits(read_limits(table(tmp_path, "upper = [1, 2, 3]\n")), small_robot(3))
     feasibility = Feasibility.of(open_known(), few, None)
     assert np.isinf(feasibility.effort).all()

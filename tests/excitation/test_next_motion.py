@@ -228,7 +228,7 @@ def test_requests_that_cannot_be_met_are_refused(result):
         ({"start": (-1.5, 0.2, 0.1)}, {}, "--start", ("joint 1 starts at -1.5", "-1.4 to 0.9")),
         ({"limits": replace(LIMITS, velocity=(1.0, 2.0))}, {}, "--limits", ("2 numbers",)),
         ({"limits": replace(LIMITS, effort=(1.0, 2.0))}, {}, "--limits", ("'effort'",)),
-        ({"limits": replace(LIMITS, effort=(60.0, 0.4, 60.0))}, {}, "--effort-limits", ("joint 2 may need", "0.4 N m")),
+        ({"limits": replace(LIMITS, effort=(60.0, 0.4, 60.0))}, {}, "--limits", ("joint 2 may need", "0.4 N m")),
         ({"clearance": Table(0.1), "start": (0.0, 0.4, 0.0)}, {}, "--start", ("-0.300 m", "0.05 m")),
         ({}, {"about": ["Fc2"], "between": ["torque_offset:1", "joint_spring:1"]}, "--between", ()),
         ({}, {"between": ["torque_offset:1"]}, "--between", ()),
