@@ -19,7 +19,7 @@ from .identification.pipeline import identify as identify
 from .identification.prediction import Validation as Validation
 from .log.log import Log as Log
 from .log.reading import read_log as read_log
-from .monitor.accumulator import RecursiveEstimator as RecursiveEstimator
+from .monitor.recursive_estimator import RecursiveEstimator as RecursiveEstimator
 from .monitor.tracker import SignTracker as SignTracker
 from .posterior.sampler import Sampling as Sampling
 from .regression.knowledge import ParameterPrior as ParameterPrior

@@ -1,16 +1,17 @@
 """Contacts, which are short, and changes of the robot, which last.
 
 A contact is an external torque above its threshold. Each joint is tested for a change separately, by cumulative sums of
-the log likelihood ratio of residuals with `Tuning.wider` times their expected sd (Page 1954)::
+the log likelihood ratio of residuals with w = `Tuning.wider` times their expected sd (Page 1954)::
 
     S <- max(0, S + (z^2 / 2 (1 - 1 / w^2) - log w) / tau),
 
-z the residual over its sd, and tau the samples that count as one. S reaches h by chance once in e^h such samples, at
-most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has
-reached it, having grown for `Tuning.lasting` and often enough, is a change; a short push does not last so long. The
-change is classified by least squares. Each candidate is a few columns: first moments and mass of a body on the flange
+z the residual over its sd, and tau its correlation time in samples. S reaches h by chance at most once in e^h effective
+samples (Lorden 1971): h follows from the accepted rate of false alarms. A change is a sum that has reached h, and has
+grown for longer than a push lasts (`Tuning.lasting`, `Tuning.often`).
+
+A change is classified by least squares. Each candidate is a few columns: first moments and mass of a body on the flange
 for all joints, direction of motion and speed for friction of a joint, the model's effort for its gain. Signs are chosen
-anew under each candidate. The candidate with the best Bayesian information criterion on effective samples is named, if
+again under each candidate. The candidate with the best Bayesian information criterion on effective samples is named, if
 it explains most of the misfit.
 """
 
@@ -30,10 +31,10 @@ from bayesid.regression.noise import Noise
 
 PAYLOAD, FRICTION, GAIN, UNKNOWN = "payload", "friction", "gain", "unknown"
 CONTACT = "contact"
-_SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / TUNING.wider**2), float(np.log(TUNING.wider))
+_SQUARE_WEIGHT, _DECREMENT = 0.5 * (1.0 - 1.0 / TUNING.wider**2), float(np.log(TUNING.wider))
 """Weight of z^2 in the increment of a sum, and its constant decrement."""
-_SHOWS = float(np.sqrt(_SIZE / _SQUARE))
-"""Smallest z at which a sum grows."""
+_LEAST_GROWING = float(np.sqrt(_DECREMENT / _SQUARE_WEIGHT))
+"""Smallest |z| at which a sum grows."""
 
 
 @dataclass
@@ -41,11 +42,11 @@ class Sums:
     """State of the tests of n joints."""
 
     sums: Array  # (n,) S
-    since: Array  # (n,) s of motion since S was zero
-    shown: Array  # (n,) s of that time in which S grew
-    began: Array  # (n,) when S left zero, s
-    pushed: Mask  # (n,) whether an external torque is beyond its threshold
-    beyond: Mask  # (n,) the same at the last sample alone, which may be an outlier
+    since: Array  # (n,) time of motion since S was zero, s
+    grown: Array  # (n,) part of that time in which S grew, s
+    began: Array  # (n,) time at which S left zero, s
+    pushed: Mask  # (n,) whether the external torque is above its threshold
+    beyond: Mask  # (n,) the same for the last sample alone, which may be an outlier
 
     @classmethod
     def begin(cls, n: int) -> Sums:
@@ -59,7 +60,7 @@ class ChangeTest:
 
     noise: Noise  # of the model's residual, N m
     rate: float  # of the samples, Hz
-    false_alarms: float  # an hour, of the whole robot: contacts and changes each
+    false_alarms: float  # per hour, of the whole robot; the same for contacts and for changes
 
     @cached_property
     def lasting_square(self) -> Array:
@@ -82,7 +83,7 @@ class ChangeTest:
 
     @cached_property
     def weight(self) -> Array:
-        """(n,) share of an effective sample that a sample of a joint is."""
+        """(n,) effective samples per sample."""
         slow = (self.noise.coloured / self.noise.sigma) ** 2
         seconds = (1.0 - slow) / self.rate + slow * 2.0 * self.noise.correlation
         return np.minimum(1.0 / (np.maximum(seconds, TUNING.shortest) * self.rate), 1.0)
@@ -93,26 +94,26 @@ class ChangeTest:
         return np.asarray((TUNING.other_motion * self.noise.sigma) ** 2)
 
     def add(self, state: Sums, t: float, step: float, z: Array, moving: Mask) -> Mask:
-        """(n,) which joints have changed, by one more sample at t, a step (s) after the one before.
+        """(n,) which joints have changed, after one more sample at t, a step (s) after the previous one.
 
         Residuals z (n,) are divided by their sd; joints at standstill do not count. The state is updated in place.
         """
         size = np.abs(z)
-        if max(size.tolist()) <= _SHOWS and not any(state.sums.tolist()):
+        if max(size.tolist()) <= _LEAST_GROWING and not any(state.sums.tolist()):
             return np.zeros_like(moving)
         size = np.minimum(size, TUNING.largest)
-        ratio = np.minimum((_SQUARE * size * size - _SIZE) * self.weight, self._most) * moving
+        ratio = np.minimum((_SQUARE_WEIGHT * size * size - _DECREMENT) * self.weight, self._most) * moving
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), TUNING.highest * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)
         state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)
-        state.shown = np.where(sums == 0.0, 0.0, state.shown + step * (ratio > 0.0))
+        state.grown = np.where(sums == 0.0, 0.0, state.grown + step * (ratio > 0.0))
         state.sums = sums
-        changed: Mask = (sums >= self.limit) & (state.shown >= np.maximum(TUNING.lasting, TUNING.often * state.since))
+        changed: Mask = (sums >= self.limit) & (state.grown >= np.maximum(TUNING.lasting, TUNING.often * state.since))
         return changed
 
     def forget(self, state: Sums, joints: Mask) -> None:
         """Resets the sums of some joints (n,)."""
-        state.sums, state.since, state.shown = np.where(joints, 0.0, [state.sums, state.since, state.shown])
+        state.sums, state.since, state.grown = np.where(joints, 0.0, [state.sums, state.since, state.grown])
 
     @cached_property
     def _most(self) -> float:
@@ -130,21 +131,21 @@ class ChangeTest:
 
 # ---- Classification ----
 @dataclass(frozen=True)
-class Look:
-    """W samples of a window in which something has changed."""
+class Window:
+    """W samples since the onset of a change."""
 
     reading: Array  # (W, n) |effort|, or the effort of signed joints, N m
     effort: Array  # (W, n) the model's, N m
     width: Array  # (W, n) sd of the residual, N m; inf where a sample does not count
     body: Array  # (W, n, 4) columns of first moments and mass of a body on the flange, N m per kg m and kg
     direction: Array  # (W, n) smoothed direction of motion of the actuators
-    speed: Array  # (W, n) theirs, rad/s
+    speed: Array  # (W, n) of the actuators, rad/s
     signed: Mask  # (n,) whether a joint's effort is signed
-    weight: Array  # (n,) share of an effective sample that one of a joint is
+    weight: Array  # (n,) effective samples per sample
 
     @classmethod
-    def of(cls, rows: Array, signed: Mask, weight: Array) -> Look:
-        """Of rows (W, 9 n) of its first six parts, one after the other."""
+    def of(cls, rows: Array, signed: Mask, weight: Array) -> Window:
+        """From rows (W, 9 n) with the first six fields side by side."""
         n = len(signed)
         reading, effort, width, body, direction, speed = np.split(rows, n * np.array([1, 2, 3, 7, 8]), axis=1)
         return cls(reading, effort, width, body.reshape(-1, n, 4), direction, speed, signed, weight)
@@ -155,50 +156,53 @@ class Kind:
     """Classification of a change."""
 
     name: str  # payload, friction, gain or unknown
-    joints: tuple[int, ...]  # (from 1) that are affected
-    amount: float | None  # kg of a payload, N m of dry friction, or share of a gain, by which they grew; None: unknown
+    joints: tuple[int, ...]  # affected joints (from 1)
+    amount: float | None  # increase: kg of a payload, N m of dry friction, share of a gain; None if unknown
     explained: float  # share of the misfit
 
 
-def kind_of(look: Look, changed: Mask) -> Kind:
+def kind_of(window: Window, changed: Mask) -> Kind:
     """Classifies a change in some joints (n,)."""
     joints = np.flatnonzero(changed).tolist()
-    gain, payload = _fitted(look, PAYLOAD, list(range(len(changed))), look.body, 3)
-    own = []
+    score, payload = _fitted(window, PAYLOAD, list(range(len(changed))), window.body, 3)
+    by_joint = []
     for j in joints:
-        friction = np.stack([look.direction[:, [j]], look.speed[:, [j]]], axis=2)
-        tried = _fitted(look, FRICTION, [j], friction, 0), _fitted(look, GAIN, [j], look.effort[:, [j], None], 0)
-        own.append(max(tried, key=itemgetter(0)))
-    strongest = max(own, key=itemgetter(0))[1]
-    if gain >= sum(one for one, _ in own) and payload.explained >= TUNING.explained:
+        friction = np.stack([window.direction[:, [j]], window.speed[:, [j]]], axis=2)
+        of_friction = _fitted(window, FRICTION, [j], friction, 0)
+        of_gain = _fitted(window, GAIN, [j], window.effort[:, [j], None], 0)
+        by_joint.append(max(of_friction, of_gain, key=itemgetter(0)))
+    best = max(by_joint, key=itemgetter(0))[1]
+    if score >= sum(of_joint for of_joint, _ in by_joint) and payload.explained >= TUNING.explained:
         return payload
-    if strongest.explained < TUNING.explained:
-        return Kind(UNKNOWN, tuple(j + 1 for j in joints), None, strongest.explained)
-    return replace(strongest, joints=tuple(k for _, kind in own if kind.name == strongest.name for k in kind.joints))
+    if best.explained < TUNING.explained:
+        return Kind(UNKNOWN, tuple(j + 1 for j in joints), None, best.explained)
+    return replace(best, joints=tuple(k for _, kind in by_joint if kind.name == best.name for k in kind.joints))
 
 
-def _fitted(look: Look, name: str, joints: list[int], columns: Array, main: int) -> tuple[float, Kind]:
+def _fitted(window: Window, name: str, joints: list[int], columns: Array, main: int) -> tuple[float, Kind]:
     """Log likelihood gain of a candidate minus the BIC penalty, and the classification.
 
-    It acts on some 0-based joints by columns (W, n', p); the coefficient of the main one is reported.
+    It acts on some 0-based joints by columns (W, n', p); the coefficient of the main column is the amount.
     """
-    effort, size = look.effort[:, joints], columns.shape[2]
-    root = np.sqrt(look.weight[joints]) / look.width[:, joints]
+    effort, size = window.effort[:, joints], columns.shape[2]
+    root = np.sqrt(window.weight[joints]) / window.width[:, joints]
     rows = (root[:, :, None] * columns).reshape(-1, size)
     solver = inverse_of(rows.T @ rows) @ rows.T  # coefficients that this motion does not excite stay zero
     predicted, change = effort, np.zeros(size)
     for _ in range(TUNING.passes):
-        change = solver @ (root * (_nearest(look, joints, predicted) - effort)).ravel()
+        change = solver @ (root * (_nearest(window, joints, predicted) - effort)).ravel()
         predicted = effort + columns @ change
-    before, left = (float(((root * (_nearest(look, joints, one) - one)) ** 2).sum()) for one in (effort, predicted))
-    count = max(float((look.weight[joints] * np.isfinite(look.width[:, joints])).sum()), 1.0)
-    kind = Kind(name, tuple(j + 1 for j in joints), float(change[main]), 1.0 - left / max(before, TINY))
-    return 0.5 * (before - left - size * np.log(count)), kind
+    before, after = (
+        float(((root * (_nearest(window, joints, model) - model)) ** 2).sum()) for model in (effort, predicted)
+    )
+    count = max(float((window.weight[joints] * np.isfinite(window.width[:, joints])).sum()), 1.0)
+    kind = Kind(name, tuple(j + 1 for j in joints), float(change[main]), 1.0 - after / max(before, TINY))
+    return 0.5 * (before - after - size * np.log(count)), kind
 
 
-def _nearest(look: Look, joints: list[int], predicted: Array) -> Array:
-    reading = look.reading[:, joints]
-    return np.where(look.signed[joints], reading, np.copysign(reading, predicted))
+def _nearest(window: Window, joints: list[int], predicted: Array) -> Array:
+    reading = window.reading[:, joints]
+    return np.where(window.signed[joints], reading, np.copysign(reading, predicted))
 
 
 @dataclass
@@ -210,18 +214,18 @@ class Ring:
 
     @classmethod
     def of(cls, rate: float, width: int) -> Ring:
-        """Empty, for `TUNING.remembered` seconds at a rate, Hz."""
+        """An empty buffer for `TUNING.remembered` seconds at a rate, Hz."""
         size = min(TUNING.most_remembered, int(TUNING.remembered * rate) + 1)
         return cls(np.full((max(8, size), 1 + width), np.nan))
 
     def add(self, t: float, *parts: Array) -> None:
-        """Adds a row: a time, s, and values one after the other."""
+        """Adds a row: a time, s, and flattened values."""
         row = np.concatenate([[t], *(part.ravel() for part in parts)])
         self.rows[self.count % len(self.rows), : len(row)] = row
         self.count += 1
 
     def since(self, start: float) -> Array:
-        """(R', C) the rows from a time, s, on, in order."""
+        """(R', C) the rows from a time, s, in order."""
         rows = np.roll(self.rows, -(self.count % len(self.rows)), axis=0)
         return rows[rows[:, 0] >= start]
 
@@ -236,14 +240,13 @@ class Alarm:
     """A detected contact or change."""
 
     time: float  #: when it began, s
-    #: (from 1) of a contact the outermost affected, of a change the one with the largest sum
-    joint: int
+    joint: int  #: (from 1) the outermost affected by a contact; of a change the one with the largest sum
     kind: str  #: contact, payload, friction, gain or unknown
-    joints: tuple[int, ...]  #: all that are affected
+    joints: tuple[int, ...]  #: all affected joints (from 1)
     raised: float  #: when it was detected, s
     duration: float | None = None  #: s, of a contact that has ended; otherwise None
-    #: by how much payload, dry friction or gain have grown, kg, N m or a share; the largest external torque of a
-    #: contact, N m; None if unknown
+    #: increase of payload, dry friction or gain: kg, N m or a share; of a contact the largest external torque, N m;
+    #: None if unknown
     amount: float | None = None
     explained: float | None = None  #: share of the misfit that the kind explains; None of a contact
 
@@ -254,15 +257,15 @@ class Alarm:
 
 @dataclass
 class Alarms:
-    """State: alarms raised, the contact that goes on, and joints affected by a change."""
+    """State: alarms raised, the current contact, and joints affected by a change."""
 
     held: Mask  # (n,) joints affected by a known change
-    calm: Array  # (n,) s of motion without misfit in them
-    before: list[Alarm] = field(default_factory=list)  # on a clock that was set back since: times are not comparable
-    raised: list[Alarm] = field(default_factory=list)  # the last ones, without contacts that became a change
-    contact: Alarm | None = None  # the one that goes on
+    calm: Array  # (n,) time of motion without misfit in these, s
+    before: list[Alarm] = field(default_factory=list)  # alarms before the last clock reset, whose times differ
+    raised: list[Alarm] = field(default_factory=list)  # later alarms, without contacts that became a change
+    contact: Alarm | None = None  # the current contact
     latest: Alarm | None = None  # the latest change
-    look_again: float = np.inf  # when it is classified again, s, from more samples
+    classify_again: float = np.inf  # time at which it is classified again, s
 
     @classmethod
     def begin(cls, n: int) -> Alarms:
@@ -275,49 +278,49 @@ class Alarms:
         return (*self.before, *self.raised)[-TUNING.kept_alarms :]
 
     def set_back(self) -> None:
-        """Ends contact and classification after the clock was set back; affected joints stay affected."""
+        """Ends contact and classification after a clock reset; affected joints stay affected."""
         self.before, self.raised = [*self.all], []
-        self.contact, self.latest, self.look_again = None, None, np.inf
+        self.contact, self.latest, self.classify_again = None, None, np.inf
 
     def touch(self, t: float, pushed: Mask, external: Array) -> Alarm | None:
-        """The contact that begins now, s, if one does: joints (n,) are pushed by external torques (n,), N m."""
+        """The contact, if one begins now, s: joints (n,) are pushed by external torques (n,), N m."""
         if not some(pushed & ~self.held):
             if self.contact is not None and t - self.contact.time - (self.contact.duration or 0.0) > TUNING.flicker:
                 self.contact = None
             return None
-        those = np.flatnonzero(pushed & ~self.held)
-        size = float(np.abs(external[those]).max())
+        touched = np.flatnonzero(pushed & ~self.held)
+        size = float(np.abs(external[touched]).max())
         if self.contact is None:
-            self.contact = Alarm(t, int(those[-1]) + 1, CONTACT, tuple((those + 1).tolist()), t, 0.0, size)
+            self.contact = Alarm(t, int(touched[-1]) + 1, CONTACT, tuple((touched + 1).tolist()), t, 0.0, size)
             self._add(self.contact)
             return self.contact
-        joints = tuple(sorted({*self.contact.joints, *(those + 1).tolist()}))
-        grown = max(size, self.contact.amount or 0.0)
-        going = replace(self.contact, joint=joints[-1], joints=joints, duration=t - self.contact.time, amount=grown)
-        self.raised[self._place(self.contact)] = going
-        self.contact = going
+        joints = tuple(sorted({*self.contact.joints, *(touched + 1).tolist()}))
+        size = max(size, self.contact.amount or 0.0)
+        longer = replace(self.contact, joint=joints[-1], joints=joints, duration=t - self.contact.time, amount=size)
+        self.raised[self._place(self.contact)] = longer
+        self.contact = longer
         return None
 
     def change(self, t: float, began: float, kind: Kind, changed: Mask, sums: Array) -> Alarm:
-        """Raises a change, which replaces contacts of its joints since its onset.
+        """Raises a change detected at time t, s; it replaces contacts of its joints since its onset.
 
-        Detected at time t, s; onset `began`, s: the first sum left zero. Joints (n,) are affected, with sums (n,).
+        The onset `began`, s, is when the first sum left zero. Joints (n,) are affected, with sums (n,).
         """
-        those = np.full_like(changed, True) if kind.name == PAYLOAD else changed
-        self.raised = [one for one in self.raised if not _within(one, began, those)]
-        self.contact = None if self.contact is None or _within(self.contact, began, those) else self.contact
+        affected = np.full_like(changed, True) if kind.name == PAYLOAD else changed
+        self.raised = [alarm for alarm in self.raised if not _within(alarm, began, affected)]
+        self.contact = None if self.contact is None or _within(self.contact, began, affected) else self.contact
         alarm = _of_kind(Alarm(began, 0, kind.name, (), t), kind, changed, sums)
         self.held = self.held | changed | (kind.name == PAYLOAD)
         self.calm = np.where(self.held, 0.0, self.calm)
-        self.latest, self.look_again = alarm, began + TUNING.again * (t - began)
+        self.latest, self.classify_again = alarm, began + TUNING.again * (t - began)
         self._add(alarm)
         return alarm
 
     def touched(self, since: float, joints: Mask) -> bool:
         """Whether a contact of some joints (n,) has begun since a time, s."""
-        return any(_within(one, since, joints) for one in self.raised)
+        return any(_within(alarm, since, joints) for alarm in self.raised)
 
-    def look(self, t: float, kind: Kind, changed: Mask, sums: Array) -> None:
+    def reclassify(self, t: float, kind: Kind, changed: Mask, sums: Array) -> None:
         """Classifies the latest change again, from more samples."""
         assert self.latest is not None
         better = _of_kind(self.latest, kind, changed, sums)
@@ -325,7 +328,7 @@ class Alarms:
             self.raised[self._place(self.latest)] = better
         self.held = self.held | (kind.name == PAYLOAD)
         again = better.time + TUNING.again * (t - better.time)
-        self.latest, self.look_again = better, again if again < better.time + TUNING.longest else np.inf
+        self.latest, self.classify_again = better, again if again < better.time + TUNING.longest else np.inf
 
     def release(self, step: float, sums: Array, moving: Mask) -> None:
         """Releases joints without misfit for `TUNING.calm`."""
@@ -345,12 +348,12 @@ class Alarms:
 
 def _of_kind(alarm: Alarm, kind: Kind, changed: Mask, sums: Array) -> Alarm:
     """An alarm with the classification of a change in joints (n,) with sums (n,)."""
-    shown = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
-    joint = max(shown, key=lambda j: sums[j - 1])
-    return replace(alarm, joint=joint, kind=kind.name, joints=shown, amount=kind.amount, explained=kind.explained)
+    joints = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
+    joint = max(joints, key=lambda j: sums[j - 1])
+    return replace(alarm, joint=joint, kind=kind.name, joints=joints, amount=kind.amount, explained=kind.explained)
 
 
 def _within(alarm: Alarm, began: float, joints: Mask) -> bool:
     """Whether an alarm is a contact of some joints (n,) that ended after the onset, s."""
-    felt = bool(joints[[j - 1 for j in alarm.joints]].any())
-    return alarm.kind == CONTACT and felt and alarm.time + (alarm.duration or 0.0) >= began
+    shared = bool(joints[[j - 1 for j in alarm.joints]].any())
+    return alarm.kind == CONTACT and shared and alarm.time + (alarm.duration or 0.0) >= began

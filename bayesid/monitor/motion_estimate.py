@@ -1,9 +1,8 @@
-"""Where a joint is, how fast it is and how it accelerates, from the samples up to now.
+"""Position, velocity and acceleration of joints, from the samples up to now.
 
 A polynomial is fitted to the samples of a short window that ends now (local regression; Savitzky and Golay 1964, for
-uneven instants by its normal equations), and read off at the instant that is asked for: the newest sample, or one some
-time ago, where the fit knows both sides and its noise is far lower. A motion that is a polynomial of that degree over
-the window is followed without any delay. Nothing older than the window plays a part.
+uneven sampling by its normal equations). It is evaluated at the newest sample or at an earlier time, where its noise is
+far lower as samples lie on both sides. A motion that is a polynomial of this degree is followed without delay.
 """
 
 from __future__ import annotations
@@ -17,40 +16,40 @@ from bayesid.arrays import Array
 from bayesid.monitor.tuning import TUNING
 
 _DEGREE = 3
-"""Of the polynomial: accelerations that change linearly are followed."""
+"""Degree of the polynomial: accelerations that change linearly are followed."""
 
 
 @dataclass
 class MotionWindow:
-    """The samples of n joints in the window, the newest last, and how far they lie from the fit."""
+    """The samples of n joints in the window, the newest last, and their noise."""
 
     n: int  # joints
-    span: float  # of the window, s
-    rate: float  # of the samples, Hz
-    velocities: bool  # whether they are measured
-    accelerations: bool  # whether they are
+    span: float  # length of the window, s
+    rate: float  # sampling rate, Hz
+    velocities: bool  # whether velocities are measured
+    accelerations: bool  # whether accelerations are measured
     count: int = 0  # samples in the window
     full: bool = False  # whether samples have left it
-    t: Array = field(init=False)  # (W,) instants, s
+    t: Array = field(init=False)  # (W,) times, s
     values: Array = field(init=False)  # (W, m n) positions, measured velocities and accelerations, rad, s
-    left: Array = field(init=False)  # (m n,) average square of what the fit leaves of the newest sample
-    free: float = 0.0  # average share of a sample's variance that it leaves
-    fits: int = 0  # that the averages are of
-    places: Array = field(init=False)  # (W',) where the instants of the last fit lay in the window, from -1 to 0
-    weights: Array = field(init=False)  # (d + 1, W') that its samples had in the coefficients
+    square: Array = field(init=False)  # (m n,) mean squared residual of the newest sample
+    free: float = 0.0  # mean share of a sample's variance that stays in its residual
+    fits: int = 0  # number of fits in these means
+    places: Array = field(init=False)  # (W',) times of the last fit's samples, scaled to -1..0
+    weights: Array = field(init=False)  # (d + 1, W') weights of its samples in the coefficients
 
     def __post_init__(self) -> None:
         size = min(TUNING.most_in_window, int(np.ceil(self.span * self.rate)) + _DEGREE + TUNING.spare)
         width = self.n * (1 + self.velocities + self.accelerations)
-        self.t, self.values, self.left = np.zeros(size), np.zeros((size, width)), np.zeros(width)
+        self.t, self.values, self.square = np.zeros(size), np.zeros((size, width)), np.zeros(width)
         self.places, self.weights = np.zeros(0), np.zeros((_DEGREE + 1, 0))
 
     def empty(self) -> None:
-        """Without samples; how noisy they are stays known."""
+        """Removes all samples; the estimate of their noise stays."""
         self.count, self.full = 0, False
 
     def add(self, t: float, values: Array) -> None:
-        """One more sample (m n,), and without those that have left the window."""
+        """Adds a sample (m n,), and removes those that have left the window."""
         self.t[:-1], self.values[:-1] = self.t[1:], self.values[1:]
         self.t[-1], self.values[-1] = t, values
         self.full = self.full or self.count == len(self.t)
@@ -60,51 +59,51 @@ class MotionWindow:
             self.count, self.full = self.count - 1, True
 
     def fit(self) -> LocalMotion | None:
-        """The motion about now; None while there are too few samples."""
+        """The motion near the newest sample; None while there are too few samples."""
         if self.count < _DEGREE + TUNING.spare:
             return None
         t, values = self.t[-self.count :], self.values[-self.count :]
         scale = t[-1] - t[0]
         places = (t - t[-1]) / scale
         apart = places - self.places if len(places) == len(self.places) else places
-        if apart @ apart > 1e-18:  # of even samples the weights stay as they are
+        if apart @ apart > 1e-18:  # the weights of even samples do not change
             self.places, self.weights = places, _weights(places)
         weights = self.weights
         coefficients = weights @ values
-        left = values[-1] - coefficients[0]  # the newest sample lies at the origin
+        residual = values[-1] - coefficients[0]  # the newest sample lies at the origin
         self.fits += 1
-        new = max(1.0 / self.fits, 1.0 / (TUNING.memory * self.rate))  # a plain average until there is a second of them
-        self.left = self.left + new * (left * left - self.left)
+        new = max(1.0 / self.fits, 1.0 / (TUNING.memory * self.rate))  # a plain mean at first
+        self.square = self.square + new * (residual * residual - self.square)
         self.free += new * (1.0 - float(weights[0, -1]) - self.free)
-        variance = self.left / max(self.free, 1e-6)  # less would be rounding
+        variance = self.square / max(self.free, 1e-6)  # smaller values are rounding errors
         measured = self.velocities, self.accelerations
         return LocalMotion(float(t[-1]), float(scale), coefficients, weights, variance, self.full, self.n, measured)
 
 
 def _weights(places: Array) -> Array:
-    """(d + 1, W) that values at places (W,) have in the coefficients of the polynomial that fits them best."""
+    """(d + 1, W) weights of values at places (W,) in the coefficients of the least-squares polynomial."""
     powers = np.ones((_DEGREE + 1, len(places)))
     for k in range(_DEGREE):
         np.multiply(powers[k], places, out=powers[k + 1])
-    weights: Array = lapack.dposv(powers @ powers.T, powers)[1]  # a tenth of the time of numpy's front door
+    weights: Array = lapack.dposv(powers @ powers.T, powers)[1]  # faster than numpy.linalg.solve at this size
     return weights
 
 
 @dataclass(frozen=True)
 class LocalMotion:
-    """The polynomial about an instant."""
+    """The polynomial near a time."""
 
-    t: float  # the instant, s
-    scale: float  # by which times are divided, s
+    t: float  # origin, s
+    scale: float  # unit of time of the powers, s
     coefficients: Array  # (d + 1, m n) of the powers
-    weights: Array  # (d + 1, W) that samples have in them
-    variance: Array  # (m n,) of the samples about it
-    full: bool  # whether the window is
+    weights: Array  # (d + 1, W) weights of the samples in the coefficients
+    variance: Array  # (m n,) of the samples about the polynomial
+    full: bool  # whether the window is full
     n: int  # joints
-    measured: tuple[bool, bool]  # whether velocities are, and accelerations
+    measured: tuple[bool, bool]  # whether velocities and accelerations are measured
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
-        """(n,) positions, velocities and accelerations at an instant, s."""
+        """(n,) positions, velocities and accelerations at a time, s."""
         value, slope, curvature = np.array(self._powers(t)) @ self.coefficients
         n, last, (velocities, accelerations) = self.n, slice(-self.n, None), self.measured
         if accelerations:
@@ -121,7 +120,7 @@ class LocalMotion:
         return variance
 
     def _powers(self, t: float) -> tuple[tuple[float, ...], ...]:
-        """(3, d + 1) powers of an instant's place, and their first two derivatives by time."""
+        """(3, d + 1) powers of the scaled time, and their first two derivatives by time."""
         x, rate = (t - self.t) / self.scale, 1.0 / self.scale
         twice = 2.0 * rate * rate
         return (

@@ -1,4 +1,4 @@
-"""A recording replayed as a stream, row by row as it was logged, and how it agrees with the smoothing of all of it."""
+"""A log replayed as a stream, row by row, and the agreement of its signs with the smoothing of the whole log."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from bayesid.progress import SILENT, Progress
 
 
 class UpdateTimes(deque[float]):
-    """s that the last updates took, `TUNING.timed` at most."""
+    """Computing times of the last updates, s, `TUNING.timed` at most."""
 
     def __init__(self) -> None:
         super().__init__(maxlen=TUNING.timed)
 
     def quantile(self, share: float) -> float:
-        """S; nan where there was no update."""
+        """A quantile, s; nan without updates."""
         return float(np.quantile(self, share)) if self else np.nan
 
 
 @dataclass
 class StreamFigures:
-    """Of n joints."""
+    """Statistics of a stream of n joints."""
 
-    moving: Integers  # (n,) instants in motion
+    moving: Integers  # (n,) samples in motion
     squares: Array  # (n,) sum of the squared residuals in motion, (N m)^2
-    # (n,) largest external torque over its threshold so far, of two samples in a row the lesser, as the test of a
-    # contact takes it (`bayesid.monitor.changes`); nan while none is known
+    # (n,) largest external torque over its threshold that two successive samples reached, as in the test of a contact
+    # (`bayesid.monitor.changes`); nan if unknown
     pushed: Array
-    instants: int = 0  # that were looked at
-    times: UpdateTimes = field(default_factory=UpdateTimes)  # of the updates
-    last: Array | None = None  # (n,) external torque over its threshold in the last sample; nan where it was not known
+    instants: int = 0  # known samples
+    times: UpdateTimes = field(default_factory=UpdateTimes)  # computing times of the updates
+    last: Array | None = None  # (n,) external torque over its threshold in the last sample; nan if unknown
 
     @classmethod
     def of_joints(cls, n: int) -> StreamFigures:
@@ -50,7 +50,7 @@ class StreamFigures:
         return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.full(n, np.nan))
 
     def add(self, now: TrackedSample) -> None:
-        """One instant more that was looked at."""
+        """Adds a known sample."""
         self.instants += 1
         counts = np.array([state != REST for state in now.state]) & np.isfinite(now.residual)
         self.moving += counts
@@ -62,24 +62,24 @@ class StreamFigures:
 
     @property
     def rms(self) -> Array:
-        """(n,) RMS of the residuals in motion, N m; nan of joints that never moved."""
+        """(n,) RMS of the residuals in motion, N m; nan for joints that never moved."""
         return np.where(self.moving > 0, np.sqrt(self.squares / np.maximum(self.moving, 1)), np.nan)
 
 
 @dataclass(frozen=True)
 class Replay:
-    """What the tracker knew of each of M instants, no later than its lag."""
+    """The tracker's answers for M samples, with its delay."""
 
     t: Array  # (M,) s
     probability: Array  # (M, n) P(sign = +)
-    effort: Array  # (M, n) readings with their likelier signs, N m; nan where there was none
+    effort: Array  # (M, n) readings with their more probable signs, N m; nan without a reading
     predicted: Array  # (M, n) the model's efforts, N m
     predicted_sd: Array  # (M, n) their sd, N m
     external: Array  # (M, n) external torques, N m
-    threshold: Array  # (M, n) beyond which they are some, N m
-    alarms: tuple[Alarm, ...]  # as they stood at the end
-    counts: Counts  # what became of the rows
-    figures: StreamFigures  # of the stream as a whole
+    threshold: Array  # (M, n) thresholds of a contact, N m
+    alarms: tuple[Alarm, ...]  # at the end
+    counts: Counts  # of rows, by what happened to them
+    figures: StreamFigures  # statistics of the whole stream
     lag: float  # s
     rate: float  # Hz
 
@@ -87,7 +87,7 @@ class Replay:
 def timed(
     tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effort: Array, dq: Array | None
 ) -> TrackedSample:
-    """One update, counted among a stream's figures."""
+    """One update, added to a stream's statistics."""
     began = time.perf_counter()
     now = tracker.update(t, q, effort, dq)
     if now.fresh:
@@ -98,29 +98,29 @@ def timed(
 
 
 def contradicts(rate: float, step: float) -> bool:
-    """Whether a tracker's rate, Hz, is not that of rows that are typically so far apart, s."""
+    """Whether a tracker's rate, Hz, is far from that of rows with a typical step, s."""
     return step > 0.0 and not 1.0 / TUNING.farthest <= rate * step <= TUNING.farthest
 
 
 @one_blas_thread
 def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Replay:
-    """Feeds a log to a tracker that has seen nothing yet.
+    """Feeds a log to a new tracker.
 
     Args:
-        tracker: of the log's robot.
-        log: its rows go in as they are: with repeated instants and gaps, and not at an even rate.
+        tracker: of the log's robot, without samples.
+        log: its rows are used as they are: with repeated times, gaps and an uneven rate.
         progress: of the rows.
 
     Raises:
         InputError: the tracker's rate contradicts the log.
     """
     if contradicts(tracker.rate, log.period):
-        said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
+        problem = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
         remedy = f"leave it out, or give at most {TUNING.farthest:g} times more or less"
-        raise InputError(said, field="rate", remedy=remedy)
-    figures, seen, rows = StreamFigures.of_joints(log.n_joints), 0, len(log)
+        raise InputError(problem, field="rate", remedy=remedy)
+    figures, count, rows = StreamFigures.of_joints(log.n_joints), 0, len(log)
     names = "probability", "effort", "predicted", "predicted_sd", "external", "threshold"
-    t, told = np.empty(rows), np.empty((len(names), rows, log.n_joints))
+    t, values = np.empty(rows), np.empty((len(names), rows, log.n_joints))
     with progress.stage("track") as steps:
         for k in range(rows):
             if k % 1000 == 0:
@@ -128,69 +128,69 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
             velocity = None if log.dq is None else log.dq[k]
             now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], velocity)
             if now.known:
-                t[seen], told[:, seen] = now.t, [getattr(now, name) for name in names]
-                seen += 1
-    parts = dict(zip(names, told[:, :seen], strict=True))
+                t[count], values[:, count] = now.t, [getattr(now, name) for name in names]
+                count += 1
+    parts = dict(zip(names, values[:, :count], strict=True))
     whole = {name: getattr(tracker, name) for name in ("alarms", "counts", "lag", "rate")}
-    return Replay(t[:seen], **parts, **whole, figures=figures)
+    return Replay(t[:count], **parts, **whole, figures=figures)
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of the signs of a stream with others, in samples of n joints that are in motion; of signed joints none count."""
+    """Agreement of the signs of a stream with other signs, in samples in motion of the unsigned joints of n."""
 
-    samples: Array  # (n,) that count
-    alike: Array  # (n,) of them those whose sign is the same
-    sure: Array  # (n,) those of whose sign the stream was sure to 99 %
-    sure_alike: Array  # (n,) those that are both
+    samples: Array  # (n,) compared samples
+    alike: Array  # (n,) samples with the same sign
+    sure: Array  # (n,) samples whose sign is at least 99 % certain in the stream
+    sure_alike: Array  # (n,) samples that are both
 
     @classmethod
     def of(cls, probability: Array, positive: Mask, counts: Mask) -> Agreement:
-        """Of probabilities (M, n) with signs (M, n) that are plus where they are True, where samples (M, n) count."""
+        """Compares probabilities (M, n) with signs (M, n), True for +, in samples (M, n) that count."""
         alike = ((probability >= 0.5) == positive) & counts
         sure = (np.maximum(probability, 1.0 - probability) >= SURE) & counts
         return cls(*(part.sum(axis=0).astype(float) for part in (counts, alike, sure, alike & sure)))
 
     @property
     def by_joint(self) -> Array:
-        """(n,) share that is alike; nan where none count."""
+        """(n,) share with the same sign; nan without samples."""
         return _share(self.alike, self.samples)
 
     @property
     def sure_by_joint(self) -> Array:
-        """(n,) share of which the stream was sure."""
+        """(n,) share of certain signs."""
         return _share(self.sure, self.samples)
 
     @property
     def share(self) -> float:
-        """Of all joints that is alike."""
+        """Share with the same sign, over all joints."""
         return float(_share(self.alike.sum(), self.samples.sum()))
 
     @property
     def sure_share(self) -> float:
-        """Of all joints of which the stream was sure."""
+        """Share of certain signs, over all joints."""
         return float(_share(self.sure.sum(), self.samples.sum()))
 
     @property
     def share_of_sure(self) -> float:
-        """Of those of which the stream was sure that is alike."""
+        """Share of certain signs that agree, over all joints."""
         return float(_share(self.sure_alike.sum(), self.sure.sum()))
 
 
-def _share(some: Array, of: Array) -> Array:
+def _share(part: Array, whole: Array) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where(of > 0.0, some / of, np.nan))
+        return np.asarray(np.where(whole > 0.0, part / whole, np.nan))
 
 
 def agreement(streamed: Replay, offline: Validation) -> Agreement:
-    """Of a stream's signs with those that the smoothing of the whole log finds by the same model."""
+    """Agreement with the signs by smoothing the whole log under the same model."""
     nearest, moving = _in_motion(streamed, offline)
     counts = moving & ~offline.log.signed & np.isfinite(streamed.effort)
     return Agreement.of(streamed.probability, offline.probability[nearest] >= 0.5, counts)
 
 
 def known_signs(unsigned: Replay, offline: Validation) -> Agreement:
-    """Of the signs of a stream that was fed absolute values with those that the log has, of its signed joints."""
+    """Agreement of a stream of absolute values with the signs of the log's signed joints."""
     log = offline.log
     _, moving = _in_motion(unsigned, offline)
     rows = np.searchsorted(log.t, unsigned.t - 0.5 * np.finfo(float).eps * np.abs(unsigned.t))
@@ -199,7 +199,7 @@ def known_signs(unsigned: Replay, offline: Validation) -> Agreement:
 
 
 def _in_motion(streamed: Replay, offline: Validation) -> tuple[Array, Mask]:
-    """(M,) places on the smoothing's grid of a stream's instants, and (M, n) whether the joints move there."""
+    """(M,) indices of a stream's samples in the smoothing, and (M, n) whether the joints move there."""
     signals, segments = offline.signals, offline.segments
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
     nearest = np.rint((streamed.t - signals.motion.t[0]) * signals.rate).astype(int)

@@ -1,12 +1,12 @@
-"""An identified model at one instant after the other: efforts, how certain they are, and external torques.
+"""An identified model evaluated sample by sample: efforts, their uncertainty, and external torques.
 
-External torques by the generalised momentum (De Luca and Mattone 2003; Haddadin, De Luca, Albu-Schaeffer 2017).
-The momentum p = M(q) dq changes by what motors and surroundings do::
+External torques are estimated by a momentum observer (De Luca and Mattone 2003; Haddadin, De Luca, Albu-Schaeffer
+2017). The generalised momentum p = M(q) dq obeys::
 
     p' = tau + C'dq - g - f + tau_ext,
 
-f friction and the like. Its observer r' = K (p' - (tau + C'dq - g - f) - r) follows tau_ext with a lag of 1 / K, and
-needs no acceleration.
+f friction and similar terms. The observer r' = K (p' - (tau + C'dq - g - f) - r) follows tau_ext with a lag of 1 / K,
+and needs no acceleration.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from bayesid.motion import STANDSTILL, Instant, labels
 
 
 @dataclass(frozen=True)
-class AtInstant:
+class ModelAtInstant:
     """The model at an instant."""
 
-    effort: Array  # (n,) as it is read, N m
+    effort: Array  # (n,) of the actuators, as sensors read it, N m
     momentum: Array  # (n,) of the joints, N m s
-    driving: Array  # (n,) what changes the momentum beside the motors: C'dq - g - f, N m
+    driving: Array  # (n,) rate of the momentum without motors: C'dq - g - f, N m
     inertia: Array  # (n, n) of joints and rotors, kg m^2
 
 
 @dataclass(frozen=True)
 class RunningModel:
-    """An identified model, made ready."""
+    """An identified model with cached constants."""
 
     identified: IdentifiedModel  # model, parameters and their uncertainty
-    payload: str = ""  # label of what the flange carries; empty where it carries nothing
+    payload: str = ""  # label of the payload on the flange; empty without one
 
     @property
     def model(self) -> Model:
@@ -47,23 +47,23 @@ class RunningModel:
         return self.identified.model
 
     def instant(self, t: float, q: Array, dq: Array, ddq: Array) -> Instant:
-        """One instant of a motion, each (n,), by itself: effects remember nothing of it."""
+        """A single instant of a motion, each (n,), without a past for effects with a memory."""
         return Instant(np.array([t]), q[None], dq[None], ddq[None], t, self.label)
 
-    def at(self, instant: Instant) -> AtInstant:
+    def at(self, instant: Instant) -> ModelAtInstant:
         """The model at one instant."""
         effort, late = self.model.effort_at(instant, self.identified.theta)[0], instant.ago(self.model.lag)
         here = self.model.robot.dynamics(late, self._links)
         inertia = here.mass + self._rotors
         torque = effort if self.model.robot.transmission is None else self.to_joints @ effort
         friction = torque - here.torque - self._rotors @ late.ddq[0]
-        return AtInstant(effort, inertia @ late.dq[0], here.drift - friction, inertia)
+        return ModelAtInstant(effort, inertia @ late.dq[0], here.drift - friction, inertia)
 
     @cached_property
     def standstill(self) -> Array:
-        """(n,) speeds of the actuators below which friction's direction is not known, rad/s.
+        """(n,) speeds of the actuators below which the direction of friction is unknown, rad/s.
 
-        Over which dry friction is smoothed; zero of one that has none.
+        They are those over which dry friction is smoothed; zero for an actuator without dry friction.
         """
         n, speeds = self.model.robot.n_joints, np.zeros(self.model.robot.n_joints)
         for effect in self.model.effects:
@@ -72,35 +72,35 @@ class RunningModel:
         return speeds
 
     def resting_speeds(self, top: Array) -> Array:
-        """(n,) speeds below which actuators stand still, rad/s, by their highest (n,) where one has no dry friction."""
+        """(n,) speeds below which actuators stand still, rad/s; without dry friction a share of their highest (n,)."""
         return np.where(self.standstill > 0.0, self.standstill, STANDSTILL * top)
 
     def actuator_speeds(self, dq: Array) -> Array:
-        """(n,) of joint speeds dq (n,), rad/s."""
+        """(n,) from joint speeds dq (n,), rad/s."""
         return dq if self.model.robot.transmission is None else self.model.robot.coupling @ dq
 
     def doubt_near_rest(self, speeds: Array) -> Array:
-        """(n,) between 0 and 1: how much the direction of friction is in doubt."""
+        """(n,) uncertainty of the direction of friction, 0 to 1."""
         share = speeds / (TUNING.near_rest * np.maximum(self.standstill, 1e-12))
         return np.exp(-share * share)
 
     def dry_friction(self, q: Array) -> Array:
-        """(n,) by how much friction's direction changes the efforts at positions q (n,), N m: half of a reversal."""
-        still = np.zeros_like(q)
+        """(n,) half the change of the efforts when motion reverses slowly at positions q (n,), N m."""
+        zero = np.zeros_like(q)
         slow = TUNING.slow * np.linalg.solve(self.model.robot.coupling, self.standstill).astype(float)
-        forth, back = (self._effort(q, sign * slow, still) for sign in (1.0, -1.0))
-        return np.asarray(0.5 * np.abs(forth - back))
+        forwards, backwards = (self._effort(q, sign * slow, zero) for sign in (1.0, -1.0))
+        return np.asarray(0.5 * np.abs(forwards - backwards))
 
     @cached_property
     def body(self) -> slice:
-        """Columns of first moments and mass of the last link, and of what it carries."""
+        """Columns of first moments and mass of the last link, which are those of a payload too."""
         pairs = zip(self.model.terms, self.model.places, strict=True)
         place = next(place for term, place in pairs if term.of_links)
         return slice(place.stop - 4, place.stop)
 
     @cached_property
     def label(self) -> Labels:
-        """(1,) of what the flange carries."""
+        """(1,) label of the payload."""
         return labels(self.payload, 1)
 
     @cached_property
@@ -109,7 +109,7 @@ class RunningModel:
         return np.ascontiguousarray(self.model.robot.coupling.T)
 
     def _effort(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """(n,) before sensors read it, N m."""
+        """(n,) before the sensors, N m."""
         effort = self.model.before_sensors.effort_at(self.instant(0.0, q, dq, ddq), self.identified.theta)
         return np.asarray(effort[0])
 
@@ -119,41 +119,41 @@ class RunningModel:
 
     @cached_property
     def _rotors(self) -> Array:
-        """(n, n) inertia of the joints that is none of the links, kg m^2: the same in every pose."""
+        """(n, n) inertia of the joints beside the links, kg m^2: the same in every pose."""
         n = self.model.robot.n_joints
         zero = np.zeros(n)
-        resting = self._effort(zero, zero, zero)
-        moved = [self._effort(zero, zero, one) - resting for one in np.eye(n)]
+        at_rest = self._effort(zero, zero, zero)
+        changes = [self._effort(zero, zero, unit) - at_rest for unit in np.eye(n)]
         here = self.model.robot.dynamics(self.instant(0.0, zero, zero, zero), self._links)
-        return self.to_joints @ np.stack(moved, axis=1) - here.mass
+        return self.to_joints @ np.stack(changes, axis=1) - here.mass
 
 
 @dataclass
-class Observed:
+class MomentumObserver:
     """State of the observer."""
 
     external: Array  # (n,) r, N m
     momentum: Array  # (n,) p at the last sample; nan before the first one
-    lasting: Array  # (n,) sd of what lasts in r, N m: model error and what the motion leaves open
-    fast: Array  # (n,) variance of what the readings' noise leaves in r, (N m)^2
-    bounded: Array  # (n,) what friction of unknown direction leaves in r at most, N m
+    lasting: Array  # (n,) sd of slow errors of r, from model and motion, N m
+    fast: Array  # (n,) variance of r by the noise of the readings, (N m)^2
+    bounded: Array  # (n,) largest error of r by friction of unknown direction, N m
 
     @classmethod
-    def begin(cls, n: int) -> Observed:
+    def begin(cls, n: int) -> MomentumObserver:
         """Before the first sample."""
         return cls(np.zeros(n), np.full(n, np.nan), *np.zeros((3, n)))
 
-    def add(self, step: float, momentum: Array, driving: Array, doubt: tuple[Array, Array, Array]) -> None:
-        """One more sample: implicit in r, so that no step is too long.
+    def add(self, step: float, momentum: Array, driving: Array, errors: tuple[Array, Array, Array]) -> None:
+        """Adds a sample, implicitly in r, so that any step is stable.
 
         Args:
             step: since the last sample, s.
             momentum: (n,) p, N m s.
             driving: (n,) tau + C'dq - g - f, N m.
-            doubt: (n,) sd of what is wrong with that for a while, and from sample to sample, and the largest error of
-                friction whose direction is not known, N m.
+            errors: (n,) of `driving`: sd of slow errors, sd of white noise, and the largest error of friction of
+                unknown direction, N m.
         """
-        lasting, white, bounded = doubt
+        lasting, white, bounded = errors
         share = TUNING.observer * step / (1.0 + TUNING.observer * step)
         if isnan(self.momentum[0]):
             self.lasting, self.bounded = lasting, bounded
@@ -167,5 +167,5 @@ class Observed:
         self.momentum = momentum
 
     def threshold(self, deviations: float) -> Array:
-        """(n,) size of an external torque that is no error, N m: some standard deviations, and what friction may do."""
+        """(n,) size from which an external torque is a contact, N m: some sd, and the largest error by friction."""
         return np.asarray(deviations * np.sqrt(self.lasting * self.lasting + self.fast) + self.bounded)

@@ -36,18 +36,17 @@ class StreamResult:
     lag: float  # s
     counts: Counts  # of rows, by what happened to them
     bad: int  # lines that were no rows
-    figures: StreamFigures  # of the stream as a whole
+    figures: StreamFigures  # statistics of the whole stream
     alarms: tuple[Alarm, ...]  # at the end
-    smoothing: Agreement | None  # agreement with the smoothing of the whole log; None where there is none
+    smoothing: Agreement | None  # agreement with the smoothing of the whole log, if there is one
     smoothing_status: str  # "done", or why there is none
-    # agreement of a stream that was fed absolute values with the signs of the log; None where it has none
-    known: Agreement | None = None
+    known: Agreement | None = None  # agreement of a stream of absolute values with the signs of the log, if it has some
     named: Mapping[int, Named] | None = None  # by alarm, with `--explain`
 
 
 @dataclass(frozen=True)
 class Named:
-    """A change as `bayesid.find_discrepancy` explains it."""
+    """Explanation of a change by `bayesid.find_discrepancy`."""
 
     status: str  # its status, or why there is no result
     effects: tuple[tuple[str, tuple[int, ...]], ...] = ()  # names with their joints (from 1)
@@ -59,34 +58,34 @@ def stream_names(n: int) -> list[str]:
 
 
 def stream_line(now: TrackedSample) -> str:
-    """A row of signed_stream.csv."""
+    """One row of signed_stream.csv."""
     values = np.concatenate([now.effort, np.round(now.probability, 6), now.predicted, now.external])
     return ",".join([repr(float(now.t)), *(f"{value:.8g}" for value in values.tolist())])
 
 
 def open_stream(folder: Path, n: int) -> TextIO:
-    """signed_stream.csv in a folder that is being made, its header written."""
+    """Opens signed_stream.csv in a new folder, and writes its header."""
     file = (folder / "signed_stream.csv").open("w", newline="", encoding="utf-8")
     file.write(f"{','.join(stream_names(n))}\n")
     return file
 
 
 def save_replay(folder: Path, result: StreamResult, streamed: Replay, picture: str | None = None) -> Path:
-    """Writes the folder of a recording that was replayed.
+    """Writes the folder of a replayed log.
 
     Args:
-        folder: where.
+        folder: path of the folder.
         result: of the stream.
         streamed: samples.
         picture: "png" or "svg" for a figure.
 
     Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier stream.
+        InputError: the folder cannot be written, or has files that are not of an earlier stream.
     """
 
-    def rows(some: slice) -> Array:
-        p = np.round(streamed.probability[some], 6)
-        return np.hstack([streamed.effort[some], p, streamed.predicted[some], streamed.external[some]])
+    def rows(part: slice) -> Array:
+        p = np.round(streamed.probability[part], 6)
+        return np.hstack([streamed.effort[part], p, streamed.predicted[part], streamed.external[part]])
 
     def write(place: Path) -> None:
         names = stream_names(streamed.effort.shape[1])
@@ -99,7 +98,7 @@ def save_replay(folder: Path, result: StreamResult, streamed: Replay, picture: s
 
 
 def write_summaries(place: Path, result: StreamResult) -> None:
-    """alarms.json and stream.json, in a folder that is being made."""
+    """Writes alarms.json and stream.json."""
     alarms = [alarm.as_dict() for alarm in result.alarms]
     for k, named in (result.named or {}).items():
         effects = [{"effect": effect, "joints": list(joints)} for effect, joints in named.effects]
@@ -124,9 +123,9 @@ def stream_summary(result: StreamResult) -> dict[str, Any]:
     return as_object({"log": result.log, "summary": summary, "n_alarms": len(result.alarms)})
 
 
-def _agreement(one: Agreement | None) -> dict[str, Any] | None:
+def _agreement(signs: Agreement | None) -> dict[str, Any] | None:
     names = "share", "by_joint", "sure_by_joint", "share_of_sure"
-    return None if one is None else taken(one, *names, sure=one.sure_share)
+    return None if signs is None else taken(signs, *names, sure=signs.sure_share)
 
 
 HEADINGS = ("joint", "signs agree", "99 % certain", "RMS residual, N m", "external / threshold")
@@ -135,12 +134,12 @@ NOTE = "external / threshold: largest value that two successive samples reach; a
 
 def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tuple[str, ...]]:
     """Rows of a table with `HEADINGS`, one per joint."""
-    nothing = np.full(len(figures.moving), np.nan)
-    agree, sure = (nothing, nothing) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
+    unknown = np.full(len(figures.moving), np.nan)
+    agree, sure = (unknown, unknown) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
     columns = (agree.tolist(), sure.tolist(), figures.rms.tolist(), figures.pushed.tolist())
     return [
-        (str(j), _percent(one), _percent(other), _known(rms, rounded(rms)), _known(pushed, f"{pushed:.2f}"))
-        for j, (one, other, rms, pushed) in enumerate(zip(*columns, strict=True), start=1)
+        (str(j), _percent(alike), _percent(certain), _known(rms, rounded(rms)), _known(pushed, f"{pushed:.2f}"))
+        for j, (alike, certain, rms, pushed) in enumerate(zip(*columns, strict=True), start=1)
     ]
 
 
@@ -150,29 +149,29 @@ def track_lines(
     """Agreement of the stream's signs with the smoothing of the whole log and with the log's known signs.
 
     Args:
-        smoothing: agreement with the smoothing; None where there is none.
+        smoothing: agreement with the smoothing, if there is one.
         status: why there is none.
-        known: agreement with the log's signs, of a stream of absolute values.
+        known: agreement of a stream of absolute values with the log's signs.
         seen: whether the model was identified from this log.
         signed: whether the efforts of all joints have signs in the log.
     """
     if smoothing is None:
-        said = [Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}")]
+        checks = [Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}")]
     elif smoothing.samples.any():
         where = " (the log that the model was identified from)" if seen else ""
-        said = [Check("Signs", "good", f"{_agreed(smoothing, 'the smoothing of the whole log')}{where}")]
+        checks = [Check("Signs", "good", f"{_agreed(smoothing, 'the smoothing of the whole log')}{where}")]
     elif signed:
-        said = [Check("Signs", "good", "all known in the log")]
+        checks = [Check("Signs", "good", "all known in the log")]
     else:
-        said = [Check("Signs", "look", "not compared: stream and smoothing share no sample in motion with a sign")]
+        checks = [Check("Signs", "look", "not compared: stream and smoothing share no sample in motion with a sign")]
     if known is not None and known.samples.any():
-        said.append(Check("Known signs", "good", _agreed(known, "the log, for a stream of absolute values")))
-    return said
+        checks.append(Check("Known signs", "good", _agreed(known, "the log, for a stream of absolute values")))
+    return checks
 
 
-def _agreed(one: Agreement, what: str) -> str:
-    certain = f"{_percent(one.sure_share)} are at least 99 % certain, of these {_percent(one.share_of_sure)} agree"
-    return f"{_percent(one.share)} of the samples in motion agree with {what}; {certain}"
+def _agreed(signs: Agreement, other: str) -> str:
+    certain = f"{_percent(signs.sure_share)} are at least 99 % certain, of these {_percent(signs.share_of_sure)} agree"
+    return f"{_percent(signs.share)} of the samples in motion agree with {other}; {certain}"
 
 
 def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0) -> str:
@@ -180,7 +179,7 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
     processed = f"{counts.updates:,} rows processed"
     if not counts.updates:
         return processed
-    named = {
+    skipped = {
         "repeated": counts.repeated,
         "late": counts.late,
         "without a number": counts.missing,
@@ -189,31 +188,31 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
         f"gap{'s' * (counts.gaps != 1)}": counts.gaps,
         f"clock reset{'s' * (counts.set_back != 1)}": counts.set_back,
     }
-    parts = [processed, *(f"{count:,} {what}" for what, count in named.items() if count)]
-    middle, late = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
-    took = f"update time {middle:.0f} microseconds (median), {late:.0f} (99.9 % quantile)"
-    return f"{', '.join(parts)}; {took}; delay {lag:.3g} s"
+    parts = [processed, *(f"{count:,} {name}" for name, count in skipped.items() if count)]
+    median, slow = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
+    update = f"update time {median:.0f} microseconds (median), {slow:.0f} (99.9 % quantile)"
+    return f"{', '.join(parts)}; {update}; delay {lag:.3g} s"
 
 
 def alarm_line(alarm: Alarm) -> str:
     """Time, kind, joints, size and delay of an alarm."""
     later, amount = alarm.raised - alarm.time, _amount(alarm)
-    said = f"{alarm.time:.2f} s: {_kind(alarm)}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}"
-    lasted = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
-    return f"{said}{lasted}{f', detected {later:.1f} s later' if later >= TUNING.soon else ''}"
+    text = f"{alarm.time:.2f} s: {_kind(alarm)}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}"
+    duration = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
+    return f"{text}{duration}{f', detected {later:.1f} s later' if later >= TUNING.soon else ''}"
 
 
 def stream_conclusion(
     alarms: Sequence[Alarm], result: str, log: str, last: float, named: Set[int] = frozenset()
 ) -> Conclusion:
-    """Good without an alarm; else the alarms, and a remedy for each that is not explained.
+    """Good without an alarm; else the alarms, and a remedy for each unexplained one.
 
     Args:
         alarms: of the stream.
         result: folder of the model.
-        log: that was tracked.
-        last: its last instant, s.
-        named: the alarms that are explained.
+        log: path of the tracked log.
+        last: its last time, s.
+        named: indices of the explained alarms.
     """
     if not alarms:
         return Conclusion("good", sentence("good", "No contact and no change detected"))
@@ -230,8 +229,7 @@ def stream_conclusion(
             )
         if k not in named:
             actions.append(Check(upper(_kind(alarm)), "look", f"at {alarm.time:.2f} s", remedy))
-    said = f"{counted(len(alarms), 'alarm')}: {seen}"
-    return Conclusion("look", sentence("look", said), first(actions))
+    return Conclusion("look", sentence("look", f"{counted(len(alarms), 'alarm')}: {seen}"), first(actions))
 
 
 def _kind(alarm: Alarm) -> str:
@@ -239,7 +237,7 @@ def _kind(alarm: Alarm) -> str:
 
 
 def named_line(alarm: Alarm, status: str, effects: str) -> str:
-    """A change as `bayesid.find_discrepancy` explains it."""
+    """Explanation of a change by `bayesid.find_discrepancy`."""
     return f"change at {alarm.time:.2f} s: {f'{effects} ({status})' if effects else status}"
 
 
@@ -255,7 +253,7 @@ def _amount(alarm: Alarm) -> str:
 
 
 def _percent(share: float) -> str:
-    return _known(share, f"{share:.1%}")
+    return _known(share, f"{100.0 * share:.1f} %")
 
 
 def _known(value: float, text: str) -> str:

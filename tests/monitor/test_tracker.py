@@ -13,7 +13,7 @@ from bayesid.effects.friction import CoulombFriction
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
-from bayesid.monitor.changes import Look, kind_of
+from bayesid.monitor.changes import Window, kind_of
 from bayesid.monitor.running_model import RunningModel
 from bayesid.monitor.tracker import SignTracker
 from bayesid.motion import STANDSTILL
@@ -329,8 +329,8 @@ def test_a_misfit_that_no_kind_explains_is_unknown(rng):
     effort, off = 5.0 * rng.standard_normal((300, 2)), np.array([0.0, 3.0])
     speed, ones = rng.standard_normal((300, 2)), np.ones((300, 2))
     reading, body = effort + off * rng.standard_normal((300, 2)), rng.standard_normal((300, 2, 4))
-    look = Look(reading, effort, ones, body, np.sign(speed), speed, np.array([True, True]), np.ones(2))
-    kind = kind_of(look, off > 0.0)
+    window = Window(reading, effort, ones, body, np.sign(speed), speed, np.array([True, True]), np.ones(2))
+    kind = kind_of(window, off > 0.0)
     assert (kind.name, kind.joints, kind.amount) == ("unknown", (2,), None)
     assert kind.explained < 0.1
 

@@ -1,4 +1,4 @@
-"""What is said and drawn of a stream."""
+"""Text and figure of a tracked stream."""
 
 import re
 from dataclasses import replace
@@ -51,11 +51,11 @@ def test_signs_of_samples_that_count_are_compared():
     np.testing.assert_allclose(found.sure_by_joint, [1.0 / 3.0, 0.5])
     assert (found.share, found.sure_share, found.share_of_sure) == (0.6, 0.4, 1.0)
     assert track_rows(figures(), found) == [
-        ("1", "66.7%", "33.3%", "1.00", "0.50"),
-        ("2", "50.0%", "50.0%", "-", "0.00"),
+        ("1", "66.7 %", "33.3 %", "1.00", "0.50"),
+        ("2", "50.0 %", "50.0 %", "-", "0.00"),
     ]
     (line,) = track_lines(found, "done", None)
-    assert "60.0%" in line.message
+    assert "60.0 %" in line.message
 
 
 def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():

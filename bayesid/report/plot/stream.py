@@ -1,4 +1,4 @@
-"""The figure of a stream: signed efforts over the model's, external torques with their thresholds, alarms marked."""
+"""The figure of a stream: signed efforts, the model's efforts, external torques with their thresholds, and alarms."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ if TYPE_CHECKING:
 
 
 def stream_figure(streamed: Replay) -> MatplotlibFigure:
-    """Two panels a joint, one below the other.
+    """Two panels per joint: signed effort with the model's and its 95 % band; external torque with its threshold.
 
-    The first has the signed effort over the model's with the band of its 95 %, the second the external torque with its
-    threshold. Contacts are blue; an orange line marks a change.
+    Contacts are blue; an orange line marks a change.
     """
     n = streamed.effort.shape[1]
     panels = [_with_alarms(panel(streamed, j), streamed, j + 1) for j in range(n) for panel in (_efforts, _external)]
@@ -60,7 +59,7 @@ def _external(streamed: Replay, j: int) -> fig.Panel:
 
 
 def _with_alarms(panel: fig.Panel, streamed: Replay, joint: int) -> fig.Panel:
-    """The panel with the alarms of its joint; a contact is at least so broad that it is seen."""
+    """The panel with the alarms of its joint; short contacts are drawn wider, so that they are visible."""
     if len(streamed.t) < 2:
         return panel
     first, last = float(streamed.t[0]), float(streamed.t[-1])
@@ -85,7 +84,7 @@ def _change(alarm: Alarm, top: float) -> list[fig.Mark]:
 
 
 def _paused(t: Array, curves: Sequence[fig.Line | fig.Band]) -> list[fig.Mark]:
-    """Thinned curves, interrupted where no sample came for five steps, so that no line crosses a pause."""
+    """Thinned curves, interrupted at pauses of more than five steps."""
     shown = fig.thinned(curves, TUNING.curve)
     if len(t) < 3:
         return list(shown)
@@ -97,8 +96,8 @@ def _paused(t: Array, curves: Sequence[fig.Line | fig.Band]) -> list[fig.Mark]:
         return np.insert(values, places, np.nan)
 
     return [
-        replace(one, x=x, low=broken(one.low), high=broken(one.high))
-        if isinstance(one, fig.Band)
-        else replace(one, x=x, y=broken(one.y))
-        for one in shown
+        replace(curve, x=x, low=broken(curve.low), high=broken(curve.high))
+        if isinstance(curve, fig.Band)
+        else replace(curve, x=x, y=broken(curve.y))
+        for curve in shown
     ]

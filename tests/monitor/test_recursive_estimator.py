@@ -68,21 +68,21 @@ def cuts_of(size, pieces, seed=0):
     return [slice(a, b) for a, b in zip([0, *inside], [*inside, size], strict=True)]
 
 
-def fed(case, accumulator, pieces=1, probability=None, moving=None, seed=0, effort=None):
+def fed(case, estimator, pieces=1, probability=None, moving=None, seed=0, effort=None):
     probability = case.sign if probability is None else probability
     effort = np.abs(case.measured) if effort is None else effort
     for part in cuts_of(len(case.motion), pieces, seed):
         here = None if moving is None else moving[part]
-        accumulator.add(case.motion[part], effort[part], probability[part], here)
-    return accumulator
+        estimator.add(case.motion[part], effort[part], probability[part], here)
+    return estimator
 
 
-def means(accumulator):
-    return np.array([one.mean for one in accumulator.coefficients()])
+def means(estimator):
+    return np.array([one.mean for one in estimator.coefficients()])
 
 
-def sds(accumulator):
-    return np.array([one.sd for one in accumulator.coefficients()])
+def sds(estimator):
+    return np.array([one.sd for one in estimator.coefficients()])
 
 
 def everywhere(case):
@@ -116,8 +116,8 @@ def by_hand(case, sigma, effort, used, weight):
     return np.linalg.lstsq(rows, effort, rcond=None)[0], rows.T @ rows
 
 
-def weights_of(case, accumulator):
-    noise = accumulator.model().noise
+def weights_of(case, estimator):
+    noise = estimator.model().noise
     return noise.sigma * np.sqrt(noise.autocorrelation)
 
 
@@ -125,26 +125,26 @@ def weights_of(case, accumulator):
 def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces, seed):
     case = stream()
     probability, moving = doubted(case), some_moving(case)
-    accumulator = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces, probability, moving, seed)
-    weights = weights_of(case, accumulator)
+    estimator = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces, probability, moving, seed)
+    weights = weights_of(case, estimator)
     expected = (2.0 * probability - 1.0) * np.abs(case.measured)
     beta, information = by_hand(case, weights, expected, moving, np.ones(len(case.motion)))
-    np.testing.assert_allclose(means(accumulator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
+    np.testing.assert_allclose(means(estimator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
     known = np.where(moving, (2.0 * probability - 1.0) ** 2, 0.0)
     rows = case.rows(weights)
     information = np.einsum("nj,njr,njs->rs", known, rows, rows)
-    np.testing.assert_allclose(sds(accumulator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
+    np.testing.assert_allclose(sds(estimator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
 
 
 def test_with_forgetting_they_are_those_of_weighted_least_squares():
     case = stream()
-    accumulator = fed(case, bayesid.RecursiveEstimator(case.identified(), forget=3.0), 40, moving=some_moving(case))
+    estimator = fed(case, bayesid.RecursiveEstimator(case.identified(), forget=3.0), 40, moving=some_moving(case))
     weight = np.exp((case.motion.t - case.motion.t[-1]) / 3.0)
-    beta, information = by_hand(case, weights_of(case, accumulator), signed_effort(case), some_moving(case), weight)
-    np.testing.assert_allclose(means(accumulator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
-    np.testing.assert_allclose(sds(accumulator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
-    time = accumulator.model().noise.autocorrelation
-    np.testing.assert_allclose(accumulator.effective_samples, weight @ some_moving(case) / time, rtol=FINE)
+    beta, information = by_hand(case, weights_of(case, estimator), signed_effort(case), some_moving(case), weight)
+    np.testing.assert_allclose(means(estimator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
+    np.testing.assert_allclose(sds(estimator), np.sqrt(np.diag(np.linalg.inv(information))), rtol=FINE)
+    time = estimator.model().noise.autocorrelation
+    np.testing.assert_allclose(estimator.effective_samples, weight @ some_moving(case) / time, rtol=FINE)
 
 
 def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
@@ -219,9 +219,9 @@ def test_records_of_a_tracker_are_chunks():
     q[500] = np.nan
     records = [tracker.update(*row) for row in zip(case.motion.t, q, readings, strict=True)]
     records.insert(400, replace(records[399], fresh=False))
-    told, by_hand_of = (bayesid.RecursiveEstimator(case.identified(), signed=np.array(signed)) for _ in range(2))
+    by_records, by_chunks = (bayesid.RecursiveEstimator(case.identified(), signed=np.array(signed)) for _ in range(2))
     for part in (records[:3], records[3:450], records[450:]):
-        told.add_tracked(part)
+        by_records.add_tracked(part)
     used = [one for one in records if one.fresh and np.isfinite(one.predicted).all()]
     assert len(used) > 1100
     parts = {name: np.array([getattr(one, name) for one in used]) for name in ("t", "q", "dq", "ddq")}
@@ -229,10 +229,10 @@ def test_records_of_a_tracker_are_chunks():
     moving = (np.array([one.state for one in used]) == "moving") & np.isfinite(effort)
     assert (np.isnan(effort).sum(axis=0) == [0, 0, 20]).all()
     probability = np.array([one.probability for one in used])
-    by_hand_of.add(Motion(**parts), np.nan_to_num(effort), probability, moving)
-    np.testing.assert_allclose(means(told), means(by_hand_of), rtol=1e-9)
-    np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
-    assert np.abs((means(told) - case.beta) / sds(told)).max() < 6.0
+    by_chunks.add(Motion(**parts), np.nan_to_num(effort), probability, moving)
+    np.testing.assert_allclose(means(by_records), means(by_chunks), rtol=1e-9)
+    np.testing.assert_allclose(sds(by_records), sds(by_chunks), rtol=1e-9)
+    assert np.abs((means(by_records) - case.beta) / sds(by_records)).max() < 6.0
     with pytest.raises(InputError, match="tool1"):
         bayesid.RecursiveEstimator(case.identified()).add_tracked(records, payload="tool1")
 
@@ -260,12 +260,12 @@ def test_standstill_does_not_count_however_the_stream_is_cut():
     speed = np.abs(case.motion.dq)
     moving = speed > 0.01 * np.maximum.accumulate(speed)
     assert 0.0 < np.mean(~moving) < 0.2
-    told = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
+    expected = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
     for pieces in (1, 31):
         own = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces)
         own.add(case.motion[:0], case.effort[:0], case.sign[:0])  # of no sample: nothing changes
-        np.testing.assert_allclose(own.effective_samples, told.effective_samples, rtol=1e-12)
-        np.testing.assert_allclose(means(own), means(told), rtol=FINE, atol=FINE)
+        np.testing.assert_allclose(own.effective_samples, expected.effective_samples, rtol=1e-12)
+        np.testing.assert_allclose(means(own), means(expected), rtol=FINE, atol=FINE)
 
 
 def test_readings_that_show_no_effort_do_not_count():
@@ -276,8 +276,8 @@ def test_readings_that_show_no_effort_do_not_count():
     below = case.model.invert_sensor(np.abs(clipped))[1]
     assert 0.6 < below[:, 1].mean() < 0.8
     running = fed(case, bayesid.RecursiveEstimator(case.identified()), 4, effort=np.abs(clipped), moving=moving)
-    told = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=below)
-    np.testing.assert_allclose(means(running), means(told), rtol=FINE, atol=FINE)
+    expected = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=below)
+    np.testing.assert_allclose(means(running), means(expected), rtol=FINE, atol=FINE)
 
 
 def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
@@ -296,55 +296,55 @@ def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
         np.testing.assert_allclose(means(one), beta, rtol=1e-6, atol=1e-6)  # 0.27^16 = 1e-9 at the ends
 
 
-TURNED = ((1, 2.0, 2.6), (0, 5.1, 5.9), (2, 8.0, 8.3))
-"""Joint, start and end, s, of what a tracker has got wrong."""
+FLIPPED = ((1, 2.0, 2.6), (0, 5.1, 5.9), (2, 8.0, 8.3))
+"""Joint, start and end, s, of wrong signs."""
 
 
-def turned(case):
+def flipped(case):
     probability = case.sign.copy()
-    for j, start, end in TURNED:
+    for j, start, end in FLIPPED:
         rows = (case.motion.t >= start) & (case.motion.t < end)
         probability[rows, j] = 1.0 - probability[rows, j]
     return probability
 
 
 @pytest.mark.parametrize(("pieces", "forget"), [(1, None), (60, 30.0)])
-def test_signs_that_were_turned_are_found_and_named(pieces, forget):
+def test_flipped_segments_are_found(pieces, forget):
     case = stream()
-    check = fed(case, bayesid.RecursiveEstimator(case.identified(), forget), pieces, turned(case)).check_signs()
+    check = fed(case, bayesid.RecursiveEstimator(case.identified(), forget), pieces, flipped(case)).check_signs()
     assert check.certified
     assert check.differ
-    assert check.cost < check.cost_taken
+    assert check.cost < check.cost_used
     assert "joint 1," in repr(check)
-    for j, start, end in TURNED:
-        found = [one for one in check.stretches if one.joint == j + 1 and one.start < end and one.end > start]
+    for j, start, end in FLIPPED:
+        found = [one for one in check.segments if one.joint == j + 1 and one.start < end and one.end > start]
         rows = (case.motion.t >= start) & (case.motion.t < end)
         strong = case.motion.t[rows & (np.abs(case.effort[:, j]) > 3.0 * case.noise[j])]
         covered = [any(one.start <= t <= one.end for one in found) for t in strong]
         assert np.mean(covered) > 0.9
-    for one in check.stretches:
-        assert any(one.joint == j + 1 and start <= one.start and one.end < end for j, start, end in TURNED)
+    for one in check.segments:
+        assert any(one.joint == j + 1 and start <= one.start and one.end < end for j, start, end in FLIPPED)
         assert (one.persistent, one.merged) == (True, False)
         assert one.cost > 9.0
 
 
-def test_the_check_does_not_depend_on_the_chunks_nor_on_how_many_stretches_are_kept():
+def test_the_check_does_not_depend_on_the_chunks_nor_on_how_many_segments_are_kept():
     case = stream()
     many, few, merged = (
         fed(
-            case, bayesid.RecursiveEstimator(case.identified(), most_individual=most), pieces, turned(case)
+            case, bayesid.RecursiveEstimator(case.identified(), most_individual=most), pieces, flipped(case)
         ).check_signs()
         for pieces, most in ((90, 10_000), (1, 10_000), (40, 3))
     )
     assert few.cost == pytest.approx(many.cost, rel=1e-6)
-    assert [(one.joint, one.start, one.end) for one in few.stretches] == [
-        (one.joint, one.start, one.end) for one in many.stretches
+    assert [(one.joint, one.start, one.end) for one in few.segments] == [
+        (one.joint, one.start, one.end) for one in many.segments
     ]
-    assert merged.cost_taken == pytest.approx(few.cost_taken, rel=1e-6)  # what is merged adds up
+    assert merged.cost_used == pytest.approx(few.cost_used, rel=1e-6)  # what is merged adds up
     assert merged.cost >= few.cost * (1.0 - 1e-6)
 
 
-def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_merged():
+def test_a_joint_that_is_flipped_as_a_whole_is_found_though_its_segments_were_merged():
     case = stream()
     right = fed(case, bayesid.RecursiveEstimator(case.identified()), 9).check_signs()
     assert (right.certified, right.differ) == (True, False)
@@ -353,7 +353,7 @@ def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_me
     running = fed(case, bayesid.RecursiveEstimator(case.identified(), most_individual=3), 40, probability)
     check = running.check_signs()
     assert check.certified
-    assert [one.joint for one in check.stretches if one.merged] == [2]
+    assert [one.joint for one in check.segments if one.merged] == [2]
 
 
 def test_memory_stays_bounded():
@@ -367,7 +367,7 @@ def test_memory_stays_bounded():
     assert max(sizes[4:]) < 1.3 * max(sizes[:4])
 
 
-def test_a_restored_accumulator_goes_on_to_the_digit():
+def test_a_restored_estimator_goes_on_to_the_digit():
     case = stream()
     running = bayesid.RecursiveEstimator(case.identified(), forget=5.0)
     probability = doubted(case)
@@ -381,7 +381,7 @@ def test_a_restored_accumulator_goes_on_to_the_digit():
     assert restored.check_signs().cost == running.check_signs().cost
 
 
-def test_bad_chunks_are_told_and_change_nothing():
+def test_bad_chunks_are_refused_and_change_nothing():
     case = stream()
     running = bayesid.RecursiveEstimator(case.identified())
     with pytest.raises(InputError, match="no sample in motion"):
@@ -410,7 +410,7 @@ def test_bad_chunks_are_told_and_change_nothing():
     running.add(later, effort, sign)
 
 
-def test_what_cannot_be_accumulated_is_told():
+def test_invalid_options_are_refused():
     case = stream()
     for options in ({"forget": 0.0}, {"forget": np.inf}, {"signed": [True]}, {"most_individual": -1}):
         with pytest.raises(InputError, match=next(iter(options))):
@@ -438,7 +438,7 @@ def test_a_real_stream_agrees_with_the_identification_of_its_log():
         assert np.abs((beta - fit.beta) / fit.sd).max() < 2.5
         assert np.sqrt(np.mean(((beta - fit.beta) / fit.sd) ** 2)) < 1.0
     ratio = sds(running) / fit.sd
-    assert np.all((ratio >= 1.0) & (ratio < 1.2))  # what is in doubt tells less
+    assert np.all((ratio >= 1.0) & (ratio < 1.2))  # uncertain signs have less information
     np.testing.assert_allclose(running.model().noise.autocorrelation, offline.noise.autocorrelation, rtol=1e-9)
     check = running.check_signs(search)
     assert (check.certified, check.differ) == (True, False)
