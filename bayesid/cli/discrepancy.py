@@ -73,11 +73,10 @@ def _compare_with_result(options: argparse.Namespace) -> None:
     (path,) = options.logs
     folder = _folder(options, [options.result, path])
     identified = load(options.result)
-    reading = reading_options(options, identified)
     logs = [path] if options.holdout is None else [path, options.holdout]
     with stages(options) as progress:
         with progress.stage("read"):
-            log, *holdout = [read_for(identified, path, reading) for path in logs]
+            log, *holdout = [read_for(options, identified, path) for path in logs]
         result = explain_log(
             identified,
             log,

@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.cli import RedVerdictError
-from bayesid.cli.terminal import console, show, verdict_parts, warn
+from bayesid.cli.terminal import console, note, show, verdict_parts, warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
 from bayesid.files.config import CONFIG, OF_MODEL, plain_config
@@ -67,8 +67,8 @@ def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = Fa
     robot = load_robot(options.robot, options.tip, held, gravity)
     if robot.origin is not None and robot.origin.urdf is not None and not Path(options.robot).is_file():
         warn(f"{options.robot} is not built in; using {robot.origin.urdf} of an installed package")
-    for note in robot.notes if notes else ():
-        warn(note)
+    for remark in robot.notes if notes else ():
+        warn(remark)
     if of_log and (said := alias_note(options.robot)):
         warn(said)
     return robot
@@ -186,24 +186,27 @@ def read(path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
         return read_log(path, **reading, robot=robot)
 
 
-def read_for(identified: IdentifiedModel, path: Path, given: Mapping[str, Any]) -> Log:
+def read_for(options: argparse.Namespace, identified: IdentifiedModel, path: Path) -> Log:
     """A log of a result's robot, read like the result's log except for the given `reading_options`."""
+    given = reading_options(options, identified)
+    kept = kept_reading(options, identified.reading, given)
     with warned():
-        return read_alike(read_log, path, with_warnings(identified.reading, given), given, robot=identified.model.robot)
+        return read_alike(read_log, path, kept, given, robot=identified.model.robot)
 
 
-def read_motion_for(identified: IdentifiedModel, path: Path, given: Mapping[str, Any]) -> RecordedMotion:
+def read_motion_for(options: argparse.Namespace, identified: IdentifiedModel, path: Path) -> RecordedMotion:
     """A motion of a result's robot, read like `read_for`."""
-    kept = with_warnings(identified.motion_reading, given)
+    given = motion_options(options)
+    kept = kept_reading(options, identified.motion_reading, given)
     with warned():
         return read_alike(read_motion, path, kept, given, robot=identified.model.robot)
 
 
-def with_warnings(kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The reading options of a result's log; warns of those that are used or overridden."""
+def kept_reading(options: argparse.Namespace, kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The reading options of a result's log; prints those that are used, and warns of those that are overridden."""
     applied = {name: value for name, value in kept.items() if name != "gains" and given.get(name) is None}
-    if applied:
-        warn(f"using the reading options of the result's log: {shlex.join(in_words(applied))}")
+    if applied and not options.quiet:
+        note(f"reading options of the result's log: {shlex.join(in_words(applied))}")
     for name, value in kept.items():
         if given.get(name) is not None and not _alike(value, given[name]):
             scale = "; the model has the scale of the result's gains" * (name == "gains")

@@ -11,15 +11,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import (
-    check_file,
-    check_new,
-    finish,
-    motion_options,
-    read_for,
-    read_motion_for,
-    reading_options,
-)
+from bayesid.cli.options import check_file, check_new, finish, read_for, read_motion_for
 from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
 from bayesid.identification.checks import Check, State
@@ -46,7 +38,7 @@ def validate_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load(options.result)
-            log = read_for(identified, options.log, reading_options(options, identified))
+            log = read_for(options, identified, options.log)
         with progress.stage("validate"):
             result = identified.validate(log, options.cutoff)
         if folder is not None:
@@ -106,9 +98,8 @@ def predict_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load(options.result)
-            said = motion_options(options)
-            motion = read_motion_for(identified, options.motion, said)
-            read_as_corrected = (said["correct"] or identified.motion_reading.get("correct")) is not None
+            motion = read_motion_for(options, identified, options.motion)
+            read_as_corrected = (options.correct or identified.motion_reading.get("correct")) is not None
         with progress.stage("predict"):
             result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
         with progress.stage("write"):
@@ -147,7 +138,7 @@ def payload_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load(options.result)
-            log = read_for(identified, options.log, reading_options(options, identified))
+            log = read_for(options, identified, options.log)
         result = identify_payload(
             identified,
             log,

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_new, finish, read_for, reading_options, warned, with_warnings
+from bayesid.cli.options import check_new, finish, kept_reading, read_for, reading_options, warned
 from bayesid.cli.terminal import in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
@@ -73,7 +73,7 @@ def _replay(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load(options.result)
-            log = read_for(identified, options.log, reading_options(options, identified))
+            log = read_for(options, identified, options.log)
         log = log.carrying(options.payload) if options.payload else log
         check_joints(identified.model.robot, log.n_joints, log.source)
         check_exact_gains(log)
@@ -185,9 +185,8 @@ def _follow(options: argparse.Namespace) -> None:
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
     given = reading_options(options, identified)
-    kept = with_warnings(
-        {name: one for name, one in identified.reading.items() if name not in ("joints", "topic")}, given
-    )
+    of_stream = {name: one for name, one in identified.reading.items() if name not in ("joints", "topic")}
+    kept = kept_reading(options, of_stream, given)
     said: dict[str, Any] = {name: kept.get(name) if value is None else value for name, value in given.items()}
     kept_encoding = said["encoding"] is None and identified.encoding is not None
     said["encoding"] = said["encoding"] or identified.encoding
@@ -199,8 +198,8 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)
     for message in reader.notes:
         warn(message)
-    if kept_encoding:
-        warn(f"using the encoding of the result's log: {Encoding.parse(str(identified.encoding)).said}")
+    if kept_encoding and not options.quiet:
+        note(f"encoding of the result's log: {Encoding.parse(str(identified.encoding)).said}")
     if reader.n_joints != robot.n_joints:
         other = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
         raise InputError(other, _SOURCE, "give a stream of the same robot")

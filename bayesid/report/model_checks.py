@@ -172,20 +172,26 @@ def validation(findings: ReportData) -> Check:
     if not len(compared):
         return Check(name, "bad", f"{prediction.source} has no effort in motion", lacks)
     share, coverage = prediction.relative_residual[compared], prediction.coverage[compared]
-    message = (
-        f"relative residual {share.min():.1%} to {share.max():.1%} per joint on {prediction.source}; "
-        f"{coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the 95 % bands"
-    )
+    low, high = TUNING.covered
+    poor, covered = share.max() > REGRESSION.poor_fit, low <= coverage.min() and coverage.max() <= high
+    message = f"relative residual {share.min():.1%} to {share.max():.1%} per joint on {prediction.source}"
+    message += f" (good: up to {in_percent(REGRESSION.poor_fit)})" if poor else ""
+    message += f"; {coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the 95 % bands"
+    message += "" if covered else f" (good: {100.0 * low:g} to {in_percent(high)})"
     left_out = sorted(set(range(len(prediction.relative_residual))) - set(compared.tolist()))
     if left_out:
         message += f"; no effort to compare in {joints_in_words(j + 1 for j in left_out)}"
-    if share.max() > REGRESSION.poor_fit:
+    if poor:
         return Check(name, "bad", message, f"do not use the model for this motion; {lacks}")
-    low, high = TUNING.covered
-    usual = TUNING.worse * np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
-    alike = low <= coverage.min() and coverage.max() <= high and np.all(prediction.rms_error[compared] <= usual)
+    own = np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
+    ratio = prediction.rms_error[compared] / np.maximum(own, TINY)
+    alike = covered and np.all(ratio <= TUNING.worse)
     if alike and not left_out:
         return Check(name, "good", message)
+    if not np.all(ratio <= TUNING.worse):
+        joint = compared[ratio.argmax()] + 1
+        message += f"; RMS error of joint {joint} {rounded(ratio.max())} times that of the identification's log"
+        message += f" (good: up to {TUNING.worse:g})"
     if alike:
         return Check(name, "look", message, "record a log in which these joints move and have efforts")
     return Check(name, "look", message, f"compare load, speed and temperature of both logs; {lacks}")

@@ -88,6 +88,7 @@ def test_commands_read_by_what_is_kept_unless_an_option_is_given(turned, tmp_pat
         err = capfd.readouterr().err
         said = {"kept": "reading options of the result's log", "given": "", "other": "--correct differs"}[name]
         assert said in err if said else err == ""
+        assert ("warning" in err) == (name == "other"), "that the options are kept is no warning"
         torques[name] = np.loadtxt(tmp_path / f"{name}.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(torques["kept"], torques["given"])
     assert np.abs(torques["kept"] - torques["other"]).max() > 0.05

@@ -185,10 +185,14 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
     "Validation": [
         ("good", GOOD, "another.csv|3.1|3.2|93|94"),
         ("not done", replace(GOOD, prediction=None), ""),
-        ("look", predicted(coverage=[0.89, 0.95]), "89|95"),
+        ("look", predicted(coverage=[0.89, 0.95]), "89|95|good: 90 to 99 %"),
         ("look", predicted(coverage=[0.95, 1.0]), "95|100"),
-        ("look", predicted(rms_error=[0.38, 0.3]), "3.1"),
-        ("bad", predicted(relative_residual=[0.03, 0.26]), "26.0"),
+        (
+            "look",
+            predicted(rms_error=[0.38, 0.3]),
+            f"joint 1 {0.38 / GOOD.summary.noise.residual_sd[0]:.2f} times|good: up to 1.5",
+        ),
+        ("bad", predicted(relative_residual=[0.03, 0.26]), "26.0|good: up to 25 %"),
         ("look", without_effort(0), "joint 1|3.2"),
         ("bad", without_effort(0, 1), "no effort"),
     ],
