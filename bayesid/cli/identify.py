@@ -139,6 +139,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
     with stages(options) as progress:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": progress}
+        settings["run_by"] = {"command": command_line(), "config": config_of(options)}
         separate = identify_each(robot, [one.path for one in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
     refused = all(result.bad_input for result in failed)

@@ -12,6 +12,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from bayesid.errors import InputError
@@ -63,7 +64,7 @@ class BatchResult:
         return "\n  ".join([f"BatchResult: {len(self.runs)} logs, {said}", *heads])
 
 
-def identify_each(
+def identify_each(  # noqa: PLR0913  of one identification, and of the batch
     robot: Robot | str | Path,
     logs: Sequence[str | Path],
     out: str | Path,
@@ -72,6 +73,7 @@ def identify_each(
     workers: int | None = None,
     scheduler: str | None = None,
     report: bool = True,
+    run_by: Mapping[str, Any] = MappingProxyType({}),
     progress: Progress | Show = SILENT,
     **options: Any,
 ) -> BatchResult:
@@ -85,6 +87,7 @@ def identify_each(
         workers: processes on this machine; one a core by default, 0 for none but this one.
         scheduler: address of a Dask scheduler, whose workers are used instead; they must see the same files.
         report: whether each folder gets its report.html.
+        run_by: `command` and `config` of the provenance of each result, if a command runs this.
         progress: called as progress("logs", done, total) at the start and after every batch.
         options: of `bayesid.identify`.
 
@@ -104,7 +107,7 @@ def identify_each(
     folders = [place / name for name in _names(paths)]
     _check(place, folders, paths)
     jobs = [(log.absolute(), folder.absolute()) for log, folder in zip(paths, folders, strict=True)]
-    work = partial(_identify, robot=robot, reading=reading or {}, options=options, report=report)
+    work = partial(_identify, robot=robot, reading=reading or {}, options=options, report=report, run_by=run_by)
     done: dict[int, Run] = {}
     show = Progress.of(progress).show
     show("logs", 0, len(jobs))
@@ -127,11 +130,17 @@ def identify_each(
 
 
 def _identify(
-    place: tuple[Path, Path], robot: Robot, reading: Mapping[str, Any], options: Mapping[str, Any], report: bool
+    place: tuple[Path, Path],
+    robot: Robot,
+    reading: Mapping[str, Any],
+    options: Mapping[str, Any],
+    report: bool,
+    run_by: Mapping[str, Any],
 ) -> Run:
     log, folder = place
     try:
         result = identify(robot, read_log(log, **reading, robot=robot), **options)
+        result = replace(result, provenance=replace(result.provenance, **run_by))
         with collect_incomplete() as incomplete:
             save_identification(result, folder, report=report)
     except InputError as error:

@@ -8,6 +8,7 @@ import bayesid
 from bayesid.cli import main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
+from bayesid.files.config import CONFIG
 from bayesid.log.reading import read_log
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
@@ -98,6 +99,9 @@ def test_a_bad_log_is_named_and_the_rest_is_complete(week, tmp_path, capsys):
     assert sorted(path.name for path in out.iterdir()) == ["agreement.csv", "mon", "runs.csv", "tue"]
     assert [bool(row["error"]) for row in table(out / "runs.csv")] == [False, True, False]
     assert "2 runs" in printed.out
+    assert main(["identify", str(logs[0]), *run.split()[1:], "--out", str(tmp_path / "alone")]) == 0
+    for name in ("mon", "tue"):
+        assert (out / name / CONFIG).read_text() == (tmp_path / "alone" / CONFIG).read_text(), "options of later logs"
 
 
 @pytest.mark.parametrize("theirs", ["", "notes.txt", "mon/notes.txt", "mon/mon.csv"])
