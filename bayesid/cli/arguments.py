@@ -93,10 +93,10 @@ _PREDICT = Command(
         *shared("result"),
         path("motion", "log or t,q1..qn[,dq1..dqn]"),
         flag("--without-noise", "bands of the model, without measurement noise"),
-        *out("file to write (default: torques.csv)", default=Path("torques.csv"), metavar="FILE.csv"),
+        *out("file, or existing folder (default: torques.csv)", default=Path("torques.csv"), metavar="FILE.csv"),
     ],
     sections={"how the motion is read (default: as the result's log)": shared(f"{MOTION} --cutoff")},
-    details="columns: t,tau1..taun,sd1..sdn,lower1..lowern,upper1..uppern",
+    details="a folder gets prediction.csv\ncolumns: t,tau1..taun,sd1..sdn,lower1..lowern,upper1..uppern",
 )
 _DISCREPANCY = Command(
     "discrepancy",

@@ -1,4 +1,4 @@
-"""Options that a bayesid.toml gives to a command; a result folder has its own."""
+"""Options that a bayesid.toml gives to a command: one that a user wrote, or that of a result folder."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Config:
 def find_config(
     typed: argparse.Namespace, given: Collection[str], actions: Mapping[str, argparse.Action]
 ) -> Config | None:
-    """The options of the --config file, or of that in the working folder; None without a file.
+    """The options of the --config file or result folder, or of the working folder's file; None without one.
 
     Args:
         typed: options of the command line.
@@ -46,6 +46,7 @@ def find_config(
         InputError: the file cannot be used.
     """
     path = typed.config or Path(CONFIG)
+    path = path / CONFIG if path.is_dir() else path
     result = getattr(typed, "result", None)
     if (result is not None and (result / "model.toml").exists()) or not (typed.config or path.is_file()):
         return None

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_file, finish, given_robot, read, reading_options, robot_of
+from bayesid.cli.options import check_file, finish, given_reading, given_robot, read, reading_options, robot_of
 from bayesid.cli.terminal import table
 from bayesid.discrepancy.repeatability import Repeatability, repeatability
 from bayesid.discrepancy.tuning import TUNING
@@ -19,7 +19,7 @@ from bayesid.identification.checks import Check, State
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.log.sources import find_logs
 from bayesid.regression.tuning import TUNING as REGRESSION
-from bayesid.report.conclusion import conclude
+from bayesid.report.conclusion import Conclusion, conclude
 from bayesid.report.grading import graded
 from bayesid.report.summary import as_object
 
@@ -52,16 +52,25 @@ def floor_command(options: argparse.Namespace) -> None:
     hidden = [str(j) for j, signed in enumerate(result.signed, start=1) if not signed]
     compared = f"{result.seconds:.4g} s of both logs, clock offset {result.shift:.3f} s"
     note = [f"signs are hidden in joints {', '.join(hidden)}: |effort| is compared"] if hidden else []
-    words = ["bayesid", "identify", str(options.log), str(options.again), *given_robot(options)]
+    conclusion = conclude(_checks(result), _VERDICTS)
     finish(
         options,
         table(headings, rows),
         compared,
         *note,
         "floor: smallest RMS error of any model; compare with `bayesid validate`",
-        conclusion=conclude(_checks(result), _VERDICTS),
-        last="; ".join([*([f"written to {options.out}"] if options.out else []), f"next: {shlex.join(words)}"]),
+        conclusion=conclusion,
+        last="; ".join(
+            [*([f"written to {options.out}"] if options.out else []), f"next: {_next(options, conclusion)}"]
+        ),
     )
+
+
+def _next(options: argparse.Namespace, conclusion: Conclusion) -> str:
+    """Identifies both recordings together, or finds what changed between recordings that differ."""
+    command = "discrepancy" if conclusion.state == "bad" else "identify"
+    logs = [str(options.log), str(options.again)]
+    return shlex.join(["bayesid", command, *logs, *given_robot(options), *given_reading(options)])
 
 
 def _percent(share: float) -> str:

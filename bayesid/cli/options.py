@@ -22,7 +22,7 @@ from bayesid.cli import RedVerdictError
 from bayesid.cli.terminal import console, note, show, verdict_parts, warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
-from bayesid.files.config import CONFIG, OF_MODEL, plain_config
+from bayesid.files.config import CONFIG, OF_MODEL, OF_READING, plain_config
 from bayesid.files.writing import check_folder, check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
@@ -36,6 +36,8 @@ from bayesid.report.conclusion import Conclusion
 from bayesid.robot import Robot, load_robot
 from bayesid.robot.load import alias_note
 
+_SUFFIXES = ".csv", ".html", ".json", ".png", ".svg", ".toml"
+"""Endings of files that the commands read or write; `--out` of a folder has none of them."""
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
 
 
@@ -80,6 +82,11 @@ def given_robot(options: argparse.Namespace) -> list[str]:
     return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
 
 
+def given_reading(options: argparse.Namespace) -> list[str]:
+    """The options of reading a log as words of a command line."""
+    return in_words({name: value for name in OF_READING if (value := getattr(options, name)) is not None})
+
+
 def _positions(text: str) -> dict[str, float]:
     words = [word.partition("=") for word in text.split(",")]
     try:
@@ -108,7 +115,8 @@ def check_file(options: argparse.Namespace, out: Path) -> None:
         InputError: it cannot, or there is one and --force was not given.
     """
     if out.is_dir():
-        raise InputError("is a folder", str(out), "give --out the name of a file")
+        seen = f"is a folder, but `bayesid {options.command}` writes one file"
+        raise InputError(seen, str(out), "give --out the name of a file")
     check_place(out)
     if not out.parent.is_dir():
         raise InputError(
@@ -124,6 +132,7 @@ def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker
     Raises:
         InputError: it cannot be written, or holds an earlier result and --force was not given.
     """
+    _check_no_file(options, folder)
     folder = check_folder(folder, files, marker)
     check_taken(options, folder)
     return folder
@@ -131,8 +140,16 @@ def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker
 
 def check_taken(options: argparse.Namespace, folder: Path, go_on: str = "") -> None:
     """Raises InputError if a folder is not empty and --force was not given; `go_on` is another remedy."""
+    _check_no_file(options, folder)
     if folder.is_dir() and any(folder.iterdir()):
         _keep(options, folder, "holds an earlier result", go_on)
+
+
+def _check_no_file(options: argparse.Namespace, folder: Path) -> None:
+    named = options.out is not None and folder.suffix in _SUFFIXES and not folder.is_dir()
+    if named or folder.is_file():
+        said = f"{'is' if folder.is_file() else 'names'} a file, but `bayesid {options.command}` writes a folder"
+        raise InputError(said, str(folder), "give --out a folder")
 
 
 def _keep(options: argparse.Namespace, path: Path, reason: str, go_on: str = "") -> None:

@@ -31,6 +31,9 @@ from bayesid.report.result_files import MARKER
 from bayesid.report.verdicts import check_findings
 from bayesid.signs.search.certified import Certified
 
+PREDICTION = "prediction.csv"
+"""The file of `bayesid predict --out FOLDER`."""
+
 
 def validate_command(options: argparse.Namespace) -> None:
     """Validates the model on another log: a table, the result's report, and a folder if `--out` is given."""
@@ -91,7 +94,10 @@ def _validation_parts(result: Validation) -> list[RenderableType]:
 
 
 def predict_command(options: argparse.Namespace) -> None:
-    """Writes the efforts of a motion with their bands."""
+    """Writes the efforts of a motion with their bands, into a file, or into `prediction.csv` of an existing folder."""
+    if (options.out / MARKER).exists():
+        raise InputError("holds a result", str(options.out), "give --out a file or another folder")
+    options.out = options.out / PREDICTION if options.out.is_dir() else options.out
     if options.out.resolve() == options.motion.resolve():
         raise InputError("is the motion itself", str(options.out), "give --out another place")
     check_file(options, options.out)

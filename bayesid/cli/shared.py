@@ -37,7 +37,7 @@ _SHARED = dict(
         option("--topic /NAME", "ROS bag: topic of the joint states"),
         option("--joints A,B,..", "ROS bag: names of joints from base to tip"),
         option("--correct q2=-q2,..", "exchange, flip, scale or shift joints"),
-        path("--config FILE", f"options in TOML (default: {CONFIG}, if any)"),
+        path("--config FILE", f"options: TOML or result (default: {CONFIG})"),
         option("--max-memory GB", "memory limit (default: 80 %% of the machine's)", type=float),
         option("--search-budget S", WORK, type=float),
         flag("--no-posterior", "skip sampling: faster, approximate intervals"),

@@ -227,7 +227,7 @@ def test_results_and_files_never_replace_what_they_came_from(arm_result, arm_pla
     refused("validate", "result", "log.csv", "--out", "result", says=["result", "other files"])
     refused("payload", "result", "log.csv", "--out", "new", says=["log.csv", "identified from"])
     refused("predict", "result", "log.csv", "--out", "./log.csv", says=["is the motion itself"])
-    refused("predict", "result", "log.csv", "--out", "result", says=["is a folder"])
+    refused("predict", "result", "log.csv", "--out", "result", says=["holds a result"])
     refused("report", "result", "--out", ".", says=["is a folder"])
     for out, says in (("result", "folder"), ("log.csv/s.csv", "not a folder"), ("", "folder")):
         refused("simulate", "--robot", "arm.toml", "--duration", 2, "--out", out, says=[says])

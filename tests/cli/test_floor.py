@@ -1,6 +1,7 @@
 """`bayesid floor`: what two recordings of one motion differ by, beside differences that are known."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from bayesid.discrepancy.repeatability import repeatability
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
+from bayesid.files.config import CONFIG
 from bayesid.log.log import Log
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -83,3 +85,23 @@ def test_the_command_prints_a_table_and_the_next_command(arm_place, capfd):
     other = "simulate", "--robot", "arm.toml", "--duration", 6, "--seed", 5, "--out", "other.csv", "--quiet"
     assert run(*other) == 0
     assert_refused(capfd, ("floor", "log.csv", "other.csv", "--robot", "arm.toml"), ["other.csv", "same motion"])
+
+
+def test_recordings_are_read_as_those_of_a_result_and_what_differs_is_looked_for(arm_place, capfd):
+    """The folder's bayesid.toml names robot and columns; efforts that differ by a quarter are not pooled."""
+    log = bayesid.read_log("log.csv")
+    names = ["Zeit", *(f"Lage{j}" for j in (1, 2, 3)), *(f"Moment{j}" for j in (1, 2, 3))]
+    for name, times in (("one.csv", 1.0), ("two.csv", 1.5)):
+        values = np.column_stack([log.t, log.q, times * log.effort])
+        np.savetxt(name, values, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    (arm_place / "result").mkdir()
+    columns = {"t": "Zeit", "q": "Lage{}", "tau": "Moment{}"}
+    text = f"robot = '../arm.toml'\ncolumns = {{{', '.join(f'{key} = {name!r}' for key, name in columns.items())}}}\n"
+    (arm_place / "result" / CONFIG).write_text(text)
+    assert run("floor", "one.csv", "two.csv", "--config", "result") == 0
+    out = capfd.readouterr().out
+    assert "Verdict: bad. " in out
+    last = out.splitlines()[-1]
+    assert last.startswith("next: bayesid discrepancy one.csv two.csv --robot result/../arm.toml --columns ")
+    assert "'t=Zeit,q=Lage{},tau=Moment{}'" in last
+    assert run(*shlex.split(last)[2:], "--help") == 0

@@ -66,6 +66,17 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
     assert_refused(capfd, command, ["exists already", "--force", "new/torques-2.csv"])
 
 
+def test_a_file_where_a_folder_is_written_and_the_reverse(place, capfd):
+    (place / "new").mkdir()
+    assert run("predict", "result", "motion.csv", "--out", "new") == 0
+    assert table(place / "new" / "prediction.csv")[0] == COLUMNS
+    assert "written to new/prediction.csv" in capfd.readouterr().out
+    (place / "taken").write_text("a file")
+    for name in ("stream.csv", "taken"):
+        assert_refused(capfd, ("track", "result", "log.csv", "--out", name), [name, "a file", "writes a folder"])
+    assert_refused(capfd, ("floor", "log.csv", "log.csv", "--out", "new"), ["new", "is a folder", "writes one file"])
+
+
 def test_repeated_rows_of_a_file_are_left_out_and_arrays_with_them_are_refused(place, capfd):
     stored = bayesid.load("result")
     _, values = table(place / "motion.csv")
