@@ -60,14 +60,14 @@ _PEERS = {
 # Tables
 # ---------------------------------------------------------------------------------------------------------------
 def signs(rows: Sequence[Row]) -> str:
-    """Real logs: how many signs come back right."""
+    """Real logs: shares of right signs."""
     head = ["log", "segments", "all", "in motion", "in motion, smooth truth", "sign(velocity) alone", "certified"]
     lines = []
     for row in _with_friction(rows):
         shares = [f"{row[key]:.2%}" for key in ("all", "motion", "smooth")]
         cells = [NAMES[row["log"]], row["segments"], *shares, f"{row['velocity']:.1%}"]
-        lines.append([*cells, "yes" if row["certified"] else "no", f"{row['settled']:.1%}"])
-    return markdown([*head, "settled"], lines)
+        lines.append([*cells, "yes" if row["certified"] else "no", f"{row['determined']:.1%}"])
+    return markdown([*head, "determined"], lines)
 
 
 def signs_in_short(rows: Sequence[Row]) -> str:
@@ -228,9 +228,8 @@ def with_tables(page: str, rows: Mapping[str, Sequence[Row]]) -> str:
 def study_page(name: str, trials: int, report: str) -> str:
     """A study's report and figure as a page."""
     figure = f"![{name}]({name}.svg)\n\n" if (STUDY_PAGES / f"{name}.svg").exists() else ""
-    question = STUDIES[name] if STUDIES[name].endswith("?") else f"{STUDIES[name]}."
     return (
-        f"# {name}\n\n<!-- table: report of {name} -->\nStudy `{name}`: {question} Report of {trials} trials of "
+        f"# {name}\n\n<!-- table: report of {name} -->\nStudy `{name}`: {STUDIES[name]} Report of {trials} trials of "
         f"`bayesid study {name}`. Answer and definitions: [studies](../studies.md#{name}).\n\n"
         f"{figure}```text\n{report}```\n<!-- end of table -->\n"
     )

@@ -1,18 +1,16 @@
-"""Do confidences and standard deviations mean what they say? Simulated logs, where the truth is known.
+"""Are confidences and intervals correct? Simulated logs with known truth.
 
-`own`, from bayesid's own simulator, identified by the terms that made them (`complete="off"`): robots, noise of 2 to
-15 % of each joint's RMS effort, white and coloured (AR(1), 0.9 from sample to sample at 100 Hz), logs of 3 s and of
-15 s, new parameters, motion and noise for each. Those of `misfit` hold an effect that the model does not, a spring,
-torque ripple or an offset that changes with position, of 0.2 to 1 times each joint's RMS effort: no coefficient is
-right then, and confidences must say that the signs may not be either.
+`own`: logs of bayesid's simulator, identified with the terms that made them (`complete="off"`). Noise of 2 to 15 % of
+each joint's RMS effort, white or AR(1) with 0.9 at 100 Hz; 3 s or 15 s; new parameters, motion and noise for each. Logs
+of `misfit` have an effect outside of the model: a spring, torque ripple or an offset that changes with position, 0.2 to
+1 times each joint's RMS effort. No coefficient is right then, and confidences must be low.
 
-`CLASSES`, from another engine (MuJoCo, `bayesid.studies.hidden`), identified as anybody would, with all defaults: one
-for each kind of trouble, all with the same seeds.
+`CLASSES`: logs of another engine (MuJoCo, `bayesid.studies.hidden`), identified with all defaults. One class per
+difficulty, all with the same seeds.
 
-Of all signs given a confidence in a bin, the tables give the share that is right, for samples (the sign of the noisy
-effort as a signed sensor would have logged it), for samples at rest, and for segments (the sign of the sum of these);
-of all coefficients of the standard terms, how many 95 % intervals hold the true value; of all certificates, how many
-stand although the data prefer other signs (`bayesid.studies.preference`).
+Tables: the share of right signs by bin of confidence, for samples (sign of the noisy effort), samples at rest and
+segments (sign of the sum of the samples); the coverage of 95 % intervals of coefficients of the standard terms; and
+certificates although the data prefer other signs (`bayesid.studies.preference`).
 """
 
 from __future__ import annotations
@@ -57,11 +55,11 @@ MISFITS: dict[str, Callable[[Array], Array]] = {
 LEVELS = (0.2, 0.35, 0.5, 0.75, 1.0)
 """Of a misfit, relative to the joint's RMS effort."""
 _OWN, _LOGS = 256, 20
-"""Logs by bayesid's own simulator, and of each class."""
+"""Logs of bayesid's simulator, and of each class."""
 _ARMS = ("kr5", "random")
 _MILLIMETRE, _DEGREE = 1e-3, float(np.pi / 180.0)
 _PRECISE, _POOR = (0.001, 0.01), (0.03, 0.15)
-"""Noise where the least squares' pull has most to say, and where inertia alone does not decide the signs."""
+"""Noise at which the Tikhonov term matters most, and at which inertia alone does not determine the signs."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -69,12 +67,12 @@ _PRECISE, _POOR = (0.001, 0.01), (0.03, 0.15)
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Scenario:
-    """One log by bayesid's own simulator.
+    """One log of bayesid's simulator.
 
     Attributes:
         robot: built-in name.
         noise: relative to each joint's RMS effort.
-        colour: its correlation from sample to sample.
+        colour: AR(1) coefficient of the noise.
         duration: s.
         misfit: an effect outside of the model; empty for none.
         level: its size relative to each joint's RMS effort.
@@ -105,7 +103,7 @@ def _of(name: str, robot: str = "", **options: Any) -> Simulated:
 
 
 def _alone(name: str, motion: str, robot: str = "pendulum", **options: Any) -> Simulated:
-    """A single joint whose two sides are nearly alike."""
+    """A log whose signs are ambiguous."""
     return _of(name, robot, motion=motion, joints="none", **options)
 
 
@@ -133,11 +131,11 @@ CLASSES = (
     _alone("symmetric", "crawl", terms=("rigid_body",)),
     _of("no_gravity", "upright", joints="none", noise_range=_POOR),
 )
-"""The last five are ambiguous by design. Without a robot: KR5 and random ones in turn."""
+"""The last five are ambiguous by design. Without a robot: KR5 and random arms in turn."""
 
 
 def shuffled(kinds: Sequence[Scenario]) -> Plan:
-    """Each kind about equally often in however many trials, every trial with a seed of its own."""
+    """Every kind about equally often, every trial with its own seed."""
 
     def plan(trials: int, seed: int) -> list[tuple[Scenario, int]]:
         order = np.random.default_rng(seed).permutation(len(kinds))
@@ -150,7 +148,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario | Simulated, int]]:
     """Own logs and those of the classes, evenly mixed; then all again with other seeds.
 
     Raises:
-        InputError: MuJoCo, which plays the classes' robots, is not installed.
+        InputError: MuJoCo is not installed.
     """
     generator("calibration")
     turns = -(-trials // (_OWN + _LOGS * len(CLASSES)))
@@ -167,7 +165,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario | Simulated, int]]:
 # Trials
 # ---------------------------------------------------------------------------------------------------------------
 def trial(scenario: Scenario | Simulated, seed: int) -> Row:
-    """Simulates a log, identifies the robot without its signs and scores what is claimed."""
+    """Simulates a log, identifies the robot without its signs and scores confidences and intervals."""
     search, sampling = Witnessed(Certified()), Sampling(rng=seed)
     if isinstance(scenario, Scenario):
         _, theta, log = make_log(scenario, seed)
@@ -182,7 +180,7 @@ def trial(scenario: Scenario | Simulated, seed: int) -> Row:
 
 
 def make_log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
-    """The model, its true parameters and the log with its signs; its grid is that of the pipeline."""
+    """The model, its true parameters and the log with its signs, on the pipeline's grid."""
     rng = np.random.default_rng(seed)
     robot = load_robot(scenario.robot)
     bodies = Model(robot, (RigidBody(),))
@@ -199,7 +197,7 @@ def make_log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
 
 
 def _truth(case: Case, result: Identification) -> Array:
-    """(r,) true coefficients of the standard terms; NaN for those of effects that entered, and where there is none."""
+    """(r,) true coefficients of the standard terms; NaN for those of added effects, and where none exists."""
     _, standard = case.standard(result.signals.motion)
     truth, names = case.truth(result.model, result.coefficients), set(standard.names)
     return np.where([name in names for name in result.coefficients.names], truth, np.nan)
@@ -209,7 +207,7 @@ def _truth(case: Case, result: Identification) -> Array:
 # Scores
 # ---------------------------------------------------------------------------------------------------------------
 def _of_signs(result: Identification, log: Log) -> Row:
-    """Bins of confidence; an effort that is read as zero has no sign to be right about."""
+    """Bins of confidence; readings of zero have no sign and are left out."""
     effort = on_grid(result, log)
     confidence = np.maximum(result.probability, 1.0 - result.probability)
     right, some = result.sample_signs == np.sign(effort), effort != 0.0
@@ -224,7 +222,7 @@ def _of_signs(result: Identification, log: Log) -> Row:
 
 
 def on_grid(result: Identification, log: Log) -> Array:
-    """(N, n) the log's efforts with their signs at the pipeline's instants."""
+    """(N, n) the log's signed efforts at the pipeline's time steps."""
     t = result.signals.motion.t
     after = np.clip(np.searchsorted(log.t, t), 1, len(log.t) - 1)
     nearest = after - (t - log.t[after - 1] < log.t[after] - t)
@@ -233,14 +231,14 @@ def on_grid(result: Identification, log: Log) -> Array:
 
 
 def bins(confidence: Array, right: Mask) -> list[list[float]]:
-    """For each bin: how many, how many of them right, sum of their confidences."""
+    """For each bin: count, number of right signs, sum of confidences."""
     place = np.clip(np.searchsorted(EDGES, confidence.ravel(), side="right") - 1, 0, len(EDGES) - 1)
     columns = (np.ones(right.size), right.ravel(), confidence.ravel())
     return np.stack([np.bincount(place, weights=column, minlength=len(EDGES)) for column in columns], axis=1).tolist()
 
 
 def _of_coefficients(result: Identification, truth: Array) -> Row:
-    """How many intervals hold the true coefficients, which do not, and by how many standard deviations."""
+    """Number of intervals that contain the true coefficients; the others, and their errors in standard deviations."""
     assert result.posterior is not None
     low, high = result.posterior.interval(0.95)
     known = np.isfinite(truth)
@@ -258,7 +256,7 @@ def _of_coefficients(result: Identification, truth: Array) -> Row:
 
 
 def _of_search(result: Identification, search: Witnessed, log: Log) -> Row:
-    """The proof, and by how much (units of the cost) the data prefer other signs than the best ones."""
+    """Certificate, preference of the data for other signs (units of the cost), added effects."""
     truth = true_signs(result.searched, on_grid(result, log))
     entered = [] if result.model_selection is None else [effect.effect for effect in result.model_selection.effects]
     return {

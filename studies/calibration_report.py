@@ -26,18 +26,18 @@ _GROUPS = (
     ("robot", "{}"),
     ("level", "misfit {:.0%}"),
 )
-"""By which own logs are told apart."""
+"""Fields by which own logs are grouped."""
 _FILTERED = "filtered"
-"""How the classes begin whose efforts were filtered behind the rectifier: targets of their own hold for them."""
+"""Begin of the names of classes whose efforts were filtered behind the rectifier; also pooled without them."""
 _KINDS = 3
-"""Kinds of coefficients that are named, those outside of their intervals most often."""
+"""Number of kinds of coefficients that are listed, most frequent first."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Figures of rows
 # ---------------------------------------------------------------------------------------------------------------
 def calibration_error(bins: Array) -> float:
-    """Expected calibration error of bins (B, 3) of count, right and sum of confidences; NaN of none."""
+    """Expected calibration error of bins (B, 3) of count, right and sum of confidences; NaN if all are empty."""
     count = bins[:, 0].sum()
     return float(np.abs(bins[:, 1] - bins[:, 2]).sum() / count) if count else float("nan")
 
@@ -48,10 +48,10 @@ def summed(rows: Sequence[Row], kind: str) -> Array:
 
 
 def clustered(totals: Sequence[float], counts: Sequence[float]) -> tuple[float, float]:
-    """A mean over all items of all logs, and its standard error; NaN where there is none.
+    """A mean over all items of all logs, and its standard error; NaN without items.
 
-    Items of one log share its data: logs are drawn, not items. So the error is that of a ratio of two sums over
-    clusters (Cochran 1977, section 2.11).
+    Items of one log are not independent: the error is that of a ratio of two sums over clusters (Cochran 1977,
+    section 2.11).
 
     Args:
         totals: sum over the items of each log.
@@ -72,8 +72,8 @@ def coverage(rows: Sequence[Row]) -> tuple[float, float]:
     return clustered([row["inside"] for row in rows], [row["coefficients"] for row in rows])
 
 
-def modesty(rows: Sequence[Row], kind: str) -> tuple[float, float]:
-    """Share that is right less mean confidence, and its standard error."""
+def underconfidence(rows: Sequence[Row], kind: str) -> tuple[float, float]:
+    """Share of right signs minus mean confidence, and its standard error."""
     bins = np.array([np.sum(row[kind], axis=0) for row in rows])
     return clustered((bins[:, 1] - bins[:, 2]).tolist(), bins[:, 0].tolist())
 
@@ -85,13 +85,13 @@ def quantiles(rows: Sequence[Row]) -> tuple[float, float]:
 
 
 def at_least(bins: Array, confidence: float) -> tuple[int, int]:
-    """How many have at least a confidence (one of `EDGES`), and how many of them are wrong."""
+    """Number of signs with at least a confidence (one of `EDGES`), and number of wrong ones among them."""
     count, right, _ = bins[EDGES.index(confidence) :].sum(axis=0)
     return int(count), int(count - right)
 
 
 def refuted(rows: Sequence[Row]) -> list[Row]:
-    """The certified ones of which the data prefer other signs."""
+    """Rows that are certified although the data prefer other signs."""
     return [row for row in rows if row["certified"] and row["preference"] > CLEARLY]
 
 
@@ -102,7 +102,7 @@ def report(rows: Sequence[Row]) -> str:
     """The tables."""
     own = [row for row in rows if row["part"] == "own"]
     classes = [row for row in rows if row["part"] == "classes"]
-    texts = [f"{len(rows)} logs, {np.mean([row['right'] for row in rows]):.2%} of the samples' signs right"]
+    texts = [f"{len(rows)} logs, {100 * np.mean([row['right'] for row in rows]):.2f} % of the samples' signs right"]
     texts += [_tables_of_own(own)] if own else []
     texts += [_tables_of_classes(own, classes)] if classes else []
     return "\n\n".join([*texts, _ending(rows)])
@@ -114,20 +114,20 @@ def _ending(rows: Sequence[Row]) -> str:
         f"certified {sum(row['certified'] for row in rows)} of {count}, "
         f"converged {sum(row['converged'] for row in rows)} of {count}, "
         f"more than one mode {sum(row['modes'] > 1 for row in rows)}; "
-        f"seconds a log: median {np.median(seconds):.1f}, most {max(seconds):.1f}"
+        f"seconds per log: median {np.median(seconds):.1f}, maximum {max(seconds):.1f}"
     )
 
 
 def _tables_of_own(rows: Sequence[Row]) -> str:
     """By robot, noise and length."""
-    lines = [f"own simulator, standard terms alone: {len(rows)} logs"]
+    lines = [f"bayesid's simulator, standard terms only: {len(rows)} logs"]
     for kind in ("samples", "segments"):
-        lines += ["", f"of {kind} given a confidence in the bin, the share that is right (count)", _header()]
+        lines += ["", f"share of right signs of {kind}, and their count, by confidence", _header()]
         for name, chosen in _groups(rows):
             bins = summed(chosen, kind)
             shares = [f"{right / count:7.2%} {int(count):>7}" if count else f"{'':15}" for count, right, _ in bins]
             lines.append(f"{name:<16} {calibration_error(bins):7.4f}  " + "  ".join(shares))
-    lines += ["", "95 % intervals that hold the true coefficient; of the single logs the 10 % and 50 % quantile"]
+    lines += ["", "coverage of 95 % intervals: all logs, 10 % and 50 % quantile over logs"]
     for name, chosen in _groups(rows):
         low, middle = quantiles(chosen)
         lines.append(f"{name:<16} {coverage(chosen)[0]:7.1%}  {low:7.1%} {middle:7.1%}")
@@ -140,7 +140,7 @@ def _header() -> str:
 
 
 def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
-    """All rows, then those of each value of what they differ in."""
+    """All rows, then groups by each field in which they differ."""
     groups: list[tuple[str, Sequence[Row]]] = [("all", rows)]
     for key, form in _GROUPS:
         values = list(dict.fromkeys(row[key] for row in rows))
@@ -150,13 +150,13 @@ def _groups(rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
 
 
 def _tables_of_classes(own: Sequence[Row], classes: Sequence[Row]) -> str:
-    """One line a class, the own logs for comparison, and all classes pooled."""
+    """One line per class, own logs for comparison, and all classes pooled."""
     by_name = {
         name: [row for row in classes if row["name"] == name] for name in dict.fromkeys(r["name"] for r in classes)
     }
     lines = {"own": own, **by_name, "all classes": classes}
     unfiltered = [row for row in classes if not row["name"].startswith(_FILTERED)]
-    lines["but filtered"] = unfiltered if len(unfiltered) < len(classes) else []
+    lines["not filtered"] = unfiltered if len(unfiltered) < len(classes) else []
     shown = {name: rows for name, rows in lines.items() if rows}
     tables = (_intervals, _signs, _certificates)
     return "\n\n".join(table(shown) for table in tables)
@@ -164,9 +164,8 @@ def _tables_of_classes(own: Sequence[Row], classes: Sequence[Row]) -> str:
 
 def _intervals(groups: dict[str, Sequence[Row]]) -> str:
     lines = [
-        "95 % intervals that hold the true coefficient of the standard terms, +- one standard error (by log); of the",
-        "single logs the 10 % and 50 % quantile; of those outside, how many from which kind of parameter, and how many",
-        "standard deviations off (median)",
+        "coverage of 95 % intervals, standard terms, +- one standard error (clustered by log); 10 % and 50 % quantile",
+        "over logs; coefficients outside: kind, count, median error in standard deviations",
         f"{'class':<15} logs    coverage          10 %   50 %  converged  seconds  outside",
     ]
     for name, rows in groups.items():
@@ -180,24 +179,23 @@ def _intervals(groups: dict[str, Sequence[Row]]) -> str:
 
 
 def outside(rows: Sequence[Row]) -> str:
-    """The kinds of coefficients that intervals miss most often: count, and the median error in standard deviations."""
+    """The kinds of coefficients most often outside their intervals: count, median error in standard deviations."""
     missed = [(kind_of(name), abs(z)) for row in rows for name, z in zip(row["missed"], row["missed_by"], strict=True)]
     counts = Counter(kind for kind, _ in missed).most_common(_KINDS)
-    said = [f"{kind} {count} ({np.median([z for k, z in missed if k == kind]):.1f} sd)" for kind, count in counts]
-    return ", ".join(said) or "-"
+    texts = [f"{kind} {count} ({np.median([z for k, z in missed if k == kind]):.1f} sd)" for kind, count in counts]
+    return ", ".join(texts) or "-"
 
 
 def kind_of(name: str) -> str:
-    """What a coefficient is of, without link and axis: of J3xy, J."""
+    """A coefficient's symbol without link and axis: J of J3xy."""
     return re.split(r"\d", name, maxsplit=1)[0]
 
 
 def _signs(groups: dict[str, Sequence[Row]]) -> str:
     lines = [
-        "signs: the expected calibration error of samples and of segments; the share of samples that is right, and",
-        "that less the mean confidence, +- one standard error (by log); the same at rest; samples given at least",
-        "0.999, at least 0.99, and how many are wrong",
-        f"{'class':<15} ECE samples segments    right    less confidence   at rest    right    less confidence"
+        "signs: expected calibration error (ECE) of samples and segments; share of right samples, and this minus mean",
+        "confidence +- one standard error (clustered by log); the same at rest; confident samples, and wrong ones",
+        f"{'class':<15} ECE samples segments    right   minus confidence   at rest    right   minus confidence"
         f"    >= 0.999  wrong    >= 0.99  wrong",
     ]
     for name, rows in groups.items():
@@ -212,19 +210,18 @@ def _signs(groups: dict[str, Sequence[Row]]) -> str:
 
 
 def _right(rows: Sequence[Row], kind: str) -> str:
-    """The share that is right, and that less the mean confidence."""
+    """The share of right signs, and this minus the mean confidence."""
     count, right, _ = summed(rows, kind).sum(axis=0)
-    less, error = modesty(rows, kind)
+    difference, error = underconfidence(rows, kind)
     share = right / count if count else float("nan")
-    return f"{share:>8.2%} {less:>+8.2%} +- {error:>6.2%}".replace("+nan%", "   -").replace("nan%", "  - ")
+    return f"{share:>8.2%} {difference:>+8.2%} +- {error:>6.2%}".replace("+nan%", "   -").replace("nan%", "  - ")
 
 
 def _certificates(groups: dict[str, Sequence[Row]]) -> str:
     lines = [
-        "certified; of these, those of which the data prefer other signs once the pull is removed (refuted), and by",
-        "how much at most (cost, twice the nats); more than one mode, and the heaviest one's mean weight there; what",
-        "entered",
-        f"{'class':<15} certified    refuted    most  modes  weight  entered",
+        "certified; refuted: certified, but other signs cost less without the Tikhonov term, and by how much (twice",
+        "the nats); logs with more than one mode, and mean weight of the heaviest; added effects",
+        f"{'class':<15} certified    refuted largest  modes  weight  added",
     ]
     for name, rows in groups.items():
         certified, wrong = sum(row["certified"] for row in rows), refuted(rows)
@@ -243,7 +240,7 @@ def _certificates(groups: dict[str, Sequence[Row]]) -> str:
 # Figure
 # ---------------------------------------------------------------------------------------------------------------
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Shares of right signs over what was claimed of them, and of true coefficients inside their intervals."""
+    """Share of right signs over confidence, and distribution of coverage over logs."""
     of_signs, of_intervals = figure.subplots(1, 2)
     of_signs.plot([0.5, 1.0], [0.5, 1.0], color="#999999", lw=0.8)
     for kind, colour, marker in (("samples", _PALETTE[0], "o"), ("segments", _PALETTE[1], "s")):

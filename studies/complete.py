@@ -1,18 +1,17 @@
-"""What does the catalogue give an identification that names no effects? Logs identified without it and with it.
+"""What does model selection improve? Logs identified without it (`off`) and with it (`auto`).
 
-"off" is the model as it was asked for, "auto" the one that the catalogue has a say in. Four parts, mixed in the plan so
-that a short run has some of each:
+Parts, mixed in the plan so that a short run has some of each:
 
-- classes: simulated logs, nothing hidden or one effect in one joint, or kinematics off the table. Of the coefficients
-  of the standard terms, how many 95 % intervals hold the true value, how large errors and standard deviations are.
-- noise: nothing hidden, noise of several kinds. How often does an effect enter all the same?
-- blind: one or two effects hidden, any but those that the standard terms hold already. Signs before and after.
-- pairs and poor: real logs. The torque error on another log, and the signs where the standard model is poor. The logs
-  stand in $BAYESID_DATA, on workers of a cluster as well; without them the plan has no such part.
+- classes: simulated logs without a hidden effect, with one effect in one joint, or with wrong kinematics. Coverage of
+  95 % intervals, errors and standard deviations of the coefficients of the standard terms.
+- noise: no hidden effect, several kinds of noise. How often is an effect added falsely?
+- blind: one or two hidden effects that are not among the standard terms. Signs in both modes.
+- pairs and poor: real logs. Torque error on another log; signs where the standard model is poor. The logs are in
+  $BAYESID_DATA, on workers of a cluster as well; without them the plan has no such part.
 
-Errors and standard deviations of coefficients of all units are made comparable by the coefficient that by itself would
-give efforts as large as the log's (RMS over all joints, each relative to its own effort); both modes have the same one.
-Signs count in motion, where |effort| is at least 5 % of its joint's maximum.
+Errors and standard deviations of coefficients are relative to the coefficient that alone would give efforts as large as
+the log's (RMS over all joints, each relative to its effort), the same in both modes. Signs count in motion, where
+|effort| is at least 5 % of its joint's maximum.
 """
 
 from __future__ import annotations
@@ -41,12 +40,10 @@ from bayesid.studies.complete_report import MODES, draw, report
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.hidden import Case, Simulated, make_case
 from bayesid.studies.readings import NOISES
-from bayesid.studies.real import DATA
+from bayesid.studies.real import DATA, right_signs
 from bayesid.studies.record import Row
 from bayesid.studies.study import Study, mixed
 
-STRONG = 0.05
-"""A sample counts when its |effort| is at least this share of its joint's maximum."""
 PAIRS = (
     *permutations(("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded"), 2),
     *(halves for log in ("panda/a", "tx40/a") for halves in permutations((f"{log}:1", f"{log}:2"))),
@@ -73,8 +70,8 @@ class Recorded:
         part: of the study.
         name: of the log or the pair of logs.
         data: folder of the robots' folders.
-        log: robot/log, and behind a colon which half of it.
-        target: another one, which the model is to predict; empty for none.
+        log: robot/log, with :1 or :2 for half of it.
+        target: another log, to be predicted; empty for none.
         posterior: whether it is sampled.
     """
 
@@ -87,10 +84,10 @@ class Recorded:
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Simulated | Recorded, int]]:
-    """The parts mixed evenly, each begun with its first log; then all again with other seeds.
+    """All parts, mixed evenly; then all again with other seeds.
 
     Raises:
-        InputError: MuJoCo, which plays the simulated robots, is not installed.
+        InputError: MuJoCo is not installed.
     """
     order = mixed([_classes(), _noise(), _blind(lacked()), *_real()])
     return [
@@ -99,16 +96,16 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Simulated | Recorded, int]]:
 
 
 def lacked() -> tuple[str, ...]:
-    """The generator's effects but for those that standard terms hold: friction, offset, rotor and, in one log, payload.
+    """The generator's effects that standard terms do not include: all but friction, offset, rotor, payload.
 
     Raises:
-        InputError: MuJoCo, which plays the simulated robots, is not installed.
+        InputError: MuJoCo is not installed.
     """
     return tuple(effect for effect in generator("complete").EFFECTS if effect not in (*STANDARD, "payload"))
 
 
 def _classes() -> list[tuple[Simulated, int]]:
-    """Each class once, each with the same seed, then again: KR5 and random robots in turn."""
+    """Each class with the same seed, then again with the next; KR5 and random robots in turn."""
 
     def of(name: str, **options: Any) -> Simulated:
         return Simulated("classes", name, "", **options)
@@ -143,7 +140,7 @@ def _blind(lacked: Sequence[str]) -> list[tuple[Simulated, int]]:
 
 
 def _real() -> list[list[tuple[Recorded, int]]]:
-    """Nothing where the logs are not there."""
+    """Parts with real logs; none where the logs are missing."""
     if not DATA.is_dir():
         return []
     data = str(DATA)
@@ -172,31 +169,35 @@ def _of_simulated(scenario: Simulated, seed: int) -> Row:
 
 def _of_recorded(scenario: Recorded, seed: int) -> Row:
     data = Path(scenario.data)
-    log, robot = _read(data, scenario.log), _robot(data, scenario.log)
+    log, robot = read_part(data, scenario.log), robot_of(data, scenario.log)
     results: dict[str, Identification] = {
         mode: _identified(robot, log, mode, ParameterPrior(), scenario.posterior, seed) for mode in MODES
     }
     errors = {}
     if scenario.target:
-        target = _read(data, scenario.target)
+        target = read_part(data, scenario.target)
         errors = {
             f"torque_error_{mode}": result.validate(target).rms_error.tolist() for mode, result in results.items()
         }
     return {**_of_signs(log, results), **errors}
 
 
-def _robot(data: Path, log: str) -> Robot:
+def robot_of(data: Path, log: str) -> Robot:
+    """The robot of a log, robot/log."""
     return load_robot(next((data / log).parent.glob("robot.*")))
 
 
-def _read(data: Path, name: str) -> Log:
-    """A log, or half of it."""
+def read_part(data: Path, name: str) -> Log:
+    """A log, robot/log, or half of it, robot/log:1."""
     place, _, half = name.partition(":")
     log = read_log(data / f"{place}.csv")
-    if not half:
-        return log
+    return half_of(log, int(half)) if half else log
+
+
+def half_of(log: Log, which: int) -> Log:
+    """The first (1) or the second (2) half of a log."""
     middle = len(log) // 2
-    rows = slice(0, middle) if half == "1" else slice(middle, len(log))
+    rows = slice(0, middle) if which == 1 else slice(middle, len(log))
     dq = None if log.dq is None else log.dq[rows]
     return replace(log, t=log.t[rows], q=log.q[rows], effort=log.effort[rows], dq=dq, pieces=())
 
@@ -204,7 +205,7 @@ def _read(data: Path, name: str) -> Log:
 def _identified(
     robot: Robot, log: Log, mode: Completeness, prior: ParameterPrior, posterior: bool, seed: int
 ) -> Identification:
-    """From the log without its signs."""
+    """Identifies the log without its signs."""
     sampling = Sampling(rng=seed) if posterior else False
     return identify(robot, log.rectified(), complete=mode, search=Certified(), posterior=sampling, prior=prior)
 
@@ -222,10 +223,10 @@ def _entered(result: Identification) -> list[str]:
 # Scores
 # ---------------------------------------------------------------------------------------------------------------
 def _of_signs(log: Log, results: Mapping[str, Identification]) -> Row:
-    """Signs, the proof, and what entered the model, in every mode."""
+    """Right signs, certificate and added effects in each mode."""
     row: Row = {}
     for mode, result in results.items():
-        right, counted = _right_signs(result, log)
+        right, counted = right_signs(result, log)
         row |= {
             f"right_{mode}": _share(right[counted]),
             f"joints_{mode}": [_share(right[counted[:, j], j]) for j in range(log.n_joints)],
@@ -235,22 +236,12 @@ def _of_signs(log: Log, results: Mapping[str, Identification]) -> Row:
     return {**row, "timings": {mode: sum(result.timings.values()) for mode, result in results.items()}}
 
 
-def _right_signs(result: Identification, log: Log) -> tuple[Any, Any]:
-    """(M, n) which samples of the log have the right sign, and which of them count."""
-    motion = result.signals.motion
-    nearest = np.rint((log.t - motion.t[0]) * result.signals.rate).astype(int)
-    rows = np.clip(nearest, 0, len(motion) - 1)
-    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
-    strong = np.abs(log.effort) >= STRONG * np.abs(log.effort).max(axis=0)
-    return result.sample_signs[rows] == np.sign(log.effort), strong & moving
-
-
 def _share(right: Any) -> float:
     return float(right.mean()) if right.size else float("nan")
 
 
 def _of_coefficients(case: Case, results: Mapping[str, Identification]) -> Row:
-    """How far the coefficients of the standard terms are off, and how far they are said to be."""
+    """Errors, standard deviations and coverage of the coefficients of the standard terms."""
     units = _units(case, results[MODES[0]])
     scored = {mode: _errors(case, result, list(units)) for mode, result in results.items()}
     in_all = np.all([np.isfinite(error) for error, _ in scored.values()], axis=0)
@@ -269,9 +260,9 @@ def _of_coefficients(case: Case, results: Mapping[str, Identification]) -> Row:
 
 
 def _units(case: Case, result: Identification) -> dict[str, float]:
-    """The coefficients of the standard terms by name, each as large as would by itself make efforts of the log's size.
+    """For each coefficient of the standard terms the value that alone gives efforts of the log's size.
 
-    Size is the mean square over the log of the sum over joints of (effort over the joint's RMS effort)^2.
+    Size: mean over the log of the sum over joints of (effort over the joint's RMS effort)^2.
     """
     motion = result.signals.motion
     model, standard = case.standard(motion)
@@ -281,7 +272,7 @@ def _units(case: Case, result: Identification) -> dict[str, float]:
 
 
 def _errors(case: Case, result: Identification, names: Sequence[str]) -> tuple[Array, Array]:
-    """(k,) errors of the named coefficients and their standard deviations; NaN where one of them is not to be had."""
+    """(k,) errors of the named coefficients and their standard deviations; NaN where one of them is unknown."""
     places = {name: k for k, name in enumerate(result.coefficients.names)}
     error, sd = result.beta - case.truth(result.model, result.coefficients), result.sd
     known = np.array([name in places for name in names])

@@ -19,9 +19,9 @@ MODES: tuple[Completeness, ...] = ("off", "auto")
 _COLOUR = {"off": "#c0392b", "auto": "#1b7f79"}
 _MARKER = {"off": "s", "auto": "o"}
 _ENOUGH = 0.995
-"""Of the signs: a blind robot's are settled."""
+"""Share of right signs above which a blind log counts as solved. Chosen; not measured."""
 _ASIDE = 0.25
-"""Of the marks of single logs from the middle of their line."""
+"""Distance of the marks of single logs from the middle of their line."""
 
 
 def report(rows: Sequence[Row]) -> str:
@@ -38,7 +38,7 @@ def report(rows: Sequence[Row]) -> str:
         chosen = of_part(rows, part)
         texts += [table(chosen)] if chosen else []
     if not of_part(rows, "pairs") and not of_part(rows, "poor"):
-        texts.append("no real log was identified; they stand in $BAYESID_DATA")
+        texts.append("no real log was identified: set $BAYESID_DATA to their folder")
     return "\n\n".join(texts)
 
 
@@ -48,7 +48,7 @@ def of_part(rows: Sequence[Row], part: str) -> list[Row]:
 
 
 def _by_name(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Rows of each name, in the order of their first ones."""
+    """Rows by name, in the order of first appearance."""
     return {name: [row for row in rows if row["name"] == name] for name in dict.fromkeys(row["name"] for row in rows)}
 
 
@@ -61,7 +61,7 @@ def coverage(rows: Sequence[Row], mode: str) -> float:
 
 
 def mean_ratio(rows: Sequence[Row], key: str) -> float:
-    """Auto over off, geometric mean over logs."""
+    """Ratio of auto to off, geometric mean over logs."""
     return geometric_mean([row[f"{key}_auto"] / row[f"{key}_off"] for row in rows])
 
 
@@ -71,13 +71,13 @@ def geometric_mean(values: Sequence[float] | Array) -> float:
 
 
 def torque_ratio(row: Row) -> Array:
-    """(n,) torque error on the other log, auto over off."""
+    """(n,) ratio of torque errors on the other log, auto to off."""
     ratio: Array = np.array(row["torque_error_auto"]) / np.array(row["torque_error_off"])
     return ratio
 
 
 def found(hidden: str, entered: Sequence[str]) -> bool:
-    """Whether an effect, in any of its forms, has entered in its joint."""
+    """Whether an effect, in any of its forms, was added in its joint."""
     effect, _, joints = hidden.partition(" ")
     return any(
         other.partition(" ")[2] == joints and other.partition(" ")[0].split(".")[0] == effect for other in entered
@@ -90,7 +90,7 @@ def _bare(effect: str) -> str:
 
 
 def _counted(effects: Sequence[str]) -> str:
-    """Effects without their joints, and how often."""
+    """Effects without their joints, and their counts."""
     counts = Counter(map(_bare, effects))
     return ", ".join(f"{name} {count}" for name, count in counts.most_common()) or "-"
 
@@ -102,7 +102,7 @@ def _both(rows: Sequence[Row], key: str) -> tuple[float, float]:
 
 
 def _seconds(rows: Sequence[Row]) -> tuple[float, float]:
-    """Medians of off and auto; NaN where nothing was measured."""
+    """Medians of off and auto; NaN without measurement."""
     off, auto = (np.median([row["timings"].get(mode) or np.nan for row in rows]) for mode in MODES)
     return float(off), float(auto)
 
@@ -112,10 +112,10 @@ def _seconds(rows: Sequence[Row]) -> tuple[float, float]:
 # ---------------------------------------------------------------------------------------------------------------
 def _table_of_classes(rows: Sequence[Row]) -> str:
     lines = [
-        "simulated, off -> auto: 95 % intervals that hold the true coefficient; mean sd and RMS error, auto over off;"
-        " signs right; median seconds",
+        "simulated, off -> auto: coverage of 95 % intervals; mean sd and RMS error, ratio of auto to off; right signs;"
+        " median seconds",
         f"{'class':<15} logs       coverage  sd ratio  error ratio  error, off             signs  certified"
-        f"       seconds  entered: the hidden one, others",
+        f"       seconds  added: hidden effects, others",
     ]
     for name, chosen in _by_name(rows).items():
         off, auto = (coverage(chosen, mode) for mode in MODES)
@@ -132,7 +132,7 @@ def _table_of_classes(rows: Sequence[Row]) -> str:
 
 
 def _entered(rows: Sequence[Row]) -> str:
-    """How often the hidden effects entered, and what else did."""
+    """How many hidden effects were added, and which others."""
     pairs = [(effect, row["entered_auto"]) for row in rows for effect in row["hidden"]]
     right = f"{sum(found(*pair) for pair in pairs)} of {len(pairs)}" if pairs else "-"
     others = [
@@ -142,7 +142,7 @@ def _entered(rows: Sequence[Row]) -> str:
 
 
 def _table_of_noise(rows: Sequence[Row]) -> str:
-    lines = [f"nothing hidden, {len(rows)} logs: in how many any effect entered, and which", f"{'noise':<12} logs  any"]
+    lines = [f"no hidden effect, {len(rows)} logs: logs with an added effect, and effects", f"{'noise':<12} logs  any"]
     for name, chosen in _by_name(rows).items():
         effects = [effect for row in chosen for effect in row["entered_auto"]]
         lines.append(f"{name:<12} {len(chosen):>4} {_any(chosen):>4}  {_counted(effects)}")
@@ -156,8 +156,8 @@ def _any(rows: Sequence[Row]) -> int:
 
 def _table_of_blind(rows: Sequence[Row]) -> str:
     lines = [
-        f"one or two effects hidden, {len(rows)} logs, off -> auto; an effect counts in each log that hides it",
-        f"{'hidden':<24} logs  entered               signs",
+        f"one or two hidden effects, {len(rows)} logs, off -> auto; an effect counts in each log that has it",
+        f"{'hidden':<24} logs    added               signs",
     ]
     for effect in sorted({_bare(hidden) for row in rows for hidden in row["hidden"]}):
         chosen = [row for row in rows if any(_bare(hidden) == effect for hidden in row["hidden"])]
@@ -169,15 +169,15 @@ def _table_of_blind(rows: Sequence[Row]) -> str:
         right = [row[f"right_{mode}"] for row in rows]
         certified = sum(row[f"certified_{mode}"] for row in rows)
         lines.append(
-            f"{mode:<5} signs right: mean {np.mean(right):.2%}, least {min(right):.2%}, at least {_ENOUGH:.1%} in"
+            f"{mode:<5} signs right: mean {np.mean(right):.2%}, minimum {min(right):.2%}, at least {_ENOUGH:.1%} in"
             f" {sum(share >= _ENOUGH for share in right)} of {len(rows)}; certified {certified}"
         )
-    return "\n".join([*lines, f"entered, the hidden ones and others: {_entered(rows)}"])
+    return "\n".join([*lines, f"added: hidden effects {_entered(rows)}"])
 
 
 def _table_of_pairs(rows: Sequence[Row]) -> str:
     lines = [
-        "torque error on another log, auto over off, by joint; geometric mean, worst joint, what entered",
+        "torque error on another log, ratio of auto to off, by joint; geometric mean, worst joint, added effects",
         f"{'identified from -> predicted':<32} {'joints':<47}   mean  worst  effects",
     ]
     for row in rows:
@@ -187,20 +187,20 @@ def _table_of_pairs(rows: Sequence[Row]) -> str:
         lines.append(f"{row['name']:<32} {joints:<47} {geometric_mean(ratio):>6.3f} {ratio.max():>6.2f}  {effects}")
     every = np.concatenate([torque_ratio(row) for row in rows])
     lines.append(f"{'all':<32} {'':<47} {geometric_mean(every):>6.3f} {every.max():>6.2f}")
-    lines += ["", "the error itself, off, N m"]
+    lines += ["", "torque error, off, N m"]
     return "\n".join(
         lines + [f"{r['name']:<32} " + "  ".join(f"{e:5.2f}" for e in r["torque_error_off"]) for r in rows]
     )
 
 
 def _table_of_poor(rows: Sequence[Row]) -> str:
-    lines = ["signs right where the standard model is poor: all, then by joint"]
+    lines = ["signs right where the standard model is poor: all joints, each joint"]
     for row in rows:
         for mode in MODES:
             joints = "  ".join(f"{share:7.2%}" for share in row[f"joints_{mode}"])
             proven = "certified" if row[f"certified_{mode}"] else ""
             lines.append(f"{row['name']:<10} {mode:<5} {row[f'right_{mode}']:>7.2%}   {joints}  {proven}".rstrip())
-        lines.append(f"{'':<10} entered: {', '.join(row['entered_auto']) or '-'}")
+        lines.append(f"{'':<10} added: {', '.join(row['entered_auto']) or '-'}")
     return "\n".join(lines)
 
 
@@ -208,7 +208,7 @@ def _table_of_poor(rows: Sequence[Row]) -> str:
 # Figure
 # ---------------------------------------------------------------------------------------------------------------
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Coverage of each class in both modes, and every joint's torque error on another log, auto over off."""
+    """Coverage of each class in both modes, and ratios of torque errors on another log by joint."""
     figure.set_size_inches(9.0, 4.2)
     left, right = figure.subplots(1, 2)
     _draw_coverage(of_part(rows, "classes"), left)
@@ -248,5 +248,5 @@ def _draw_torque_errors(rows: Sequence[Row], ax: Any) -> None:
 
 
 def _first(label: str, place: int) -> str | None:
-    """A label for the legend, once."""
+    """The label for the first place only, for the legend."""
     return label if place == 0 else None

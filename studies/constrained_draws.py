@@ -1,9 +1,9 @@
-"""Draws with constraints against those draws without them that satisfy them.
+"""Are draws with constraints the unconstrained draws that satisfy them? Five forms of constraints on two logs.
 
-One identification without constraints and one with, of the same log with its signs hidden, `complete="off"`. Draws
-without them are kept where they satisfy the constraint, worked out from the draws by its definition. The rest must
-agree: means to a tenth of a standard deviation, standard deviations within 7 %. Bounds are quantiles of the draws
-without constraints, so that 20 to 60 % of these are kept. Errors are those of Monte Carlo: jackknife over the walkers.
+The same log, its signs hidden, is identified without and with a constraint (`complete="off"`). Unconstrained draws are
+kept where they satisfy the constraint by its definition. Both sets must agree: means within 0.1 standard deviations,
+standard deviations within 7 %. Bounds are quantiles of the unconstrained draws, of which 20 to 60 % are kept. Errors
+are Monte Carlo errors: jackknife over the walkers.
 
 Logs: a simulated KR5, and a real UR10e where $BAYESID_DATA holds it, a simulated one elsewhere.
 """
@@ -35,18 +35,18 @@ if TYPE_CHECKING:
 
 REAL = "ur10e/b_20s"
 MEAN, SPREAD = 0.1, (0.93, 1.07)
-"""How far off means may be, in standard deviations, and the ratios of standard deviations that are good."""
+"""Allowed difference of means, in standard deviations, and allowed ratios of standard deviations. Chosen."""
 _CENTRE, _AXES = np.array([0.1, -0.05, 0.1]), np.array([1.0, 0.8, 0.9])
 """Of the ellipsoid: m in the link's frame, and relative lengths."""
 _BUDGETS = {"free": 40.0, "constrained": 20.0}
-"""Nominal seconds: the errors must stay below half of what is tested."""
+"""Nominal seconds of sampling: Monte Carlo errors must be below half of the allowed differences."""
 
 Values = Mapping[str, Array]
 """Parameters by name, (N,) draws of each."""
 
 
 class Form(NamedTuple):
-    """A constraint whose bounds are quantiles of some quantities."""
+    """A form of constraint, whose bounds are quantiles of some quantities."""
 
     quantities: Callable[[Values], Array]  #: (N, k) of draws
     quantiles: tuple[float, float]
@@ -58,7 +58,7 @@ def _moment(values: Values, link: int) -> Array:
 
 
 def _stretch(values: Values, link: int) -> Array:
-    """(N, 1) by which the ellipsoid must be stretched to bear the link: second moments about its centre, weighed."""
+    """(N, 1) smallest scale of the ellipsoid for the link: weighted second moments about its centre."""
     inertia = np.column_stack([values[f"J{link}{axes}"] for axes in ("xx", "yy", "zz")])
     second, mass = 0.5 * inertia.sum(axis=1, keepdims=True) - inertia, values[f"m{link}"][:, None]
     about = second - 2.0 * _CENTRE * _moment(values, link) + _CENTRE**2 * mass
@@ -95,7 +95,7 @@ FORMS = {
 
 @dataclass(frozen=True)
 class Scenario:
-    """A log, and what is stated of its robot."""
+    """A log, and the form of its constraint."""
 
     log: str
     form: str
@@ -103,7 +103,7 @@ class Scenario:
 
 @lru_cache(maxsize=1)
 def _identified(log: str, seed: int) -> Identification:
-    """Without constraints: the same for every form."""
+    """Identification without constraints, the same for every form."""
     return _identify(log, seed, None)
 
 
@@ -121,7 +121,7 @@ def _identify(log: str, seed: int, says: Says | None) -> Identification:
 def trial(scenario: Scenario, seed: int) -> Row:
     """Both runs, and how their draws compare."""
     free, form = _identified(scenario.log, seed), FORMS[scenario.form]
-    every, names = _draws(free), [one.name for one in free.model.parameters]
+    every, names = _draws(free), [parameter.name for parameter in free.model.parameters]
     values = dict(zip(names, every.reshape(-1, len(names)).T, strict=True))
     quantities = form.quantities(values)
     low, high = np.quantile(quantities, form.quantiles, axis=0)
@@ -130,7 +130,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     constrained = _identify(scenario.log, seed, lambda p: form.says(p, low, high))
     stated = constrained.model.cone.stated
     assert stated is not None
-    filtered, drawn = normal_equations(every, kept), normal_equations(_draws(constrained))
+    filtered, drawn = moments(every, kept), moments(_draws(constrained))
     off = (drawn.mean - filtered.mean) / filtered.sd
     return {
         "kept": float(kept.mean()),
@@ -143,7 +143,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     }
 
 
-class NormalEquations(NamedTuple):
+class Moments(NamedTuple):
     """Means and standard deviations (P,) of draws, and their Monte Carlo errors."""
 
     mean: Array
@@ -152,8 +152,8 @@ class NormalEquations(NamedTuple):
     sd_error: Array
 
 
-def normal_equations(draws: Array, kept: Mask | None = None) -> NormalEquations:
-    """Of draws (D, W, P) of W walkers that know nothing of each other, or of those that are kept (D, W)."""
+def moments(draws: Array, kept: Mask | None = None) -> Moments:
+    """Of draws (D, W, P) of W independent walkers, or of those that are kept (D, W)."""
     weight = np.ones(draws.shape[:2]) if kept is None else kept.astype(float)
     centre, scale = draws.mean(axis=(0, 1)), draws.std(axis=(0, 1))
     sums = np.empty((3, *draws.shape[1:]))
@@ -166,7 +166,7 @@ def normal_equations(draws: Array, kept: Mask | None = None) -> NormalEquations:
     without = _mean_and_sd(total[:, None] - sums)  # (W, P) each
     count = draws.shape[1]
     errors = [np.sqrt((count - 1) * values.var(axis=0)) for values in without]
-    return NormalEquations(centre + scale * mean, scale * sd, scale * errors[0], scale * errors[1])
+    return Moments(centre + scale * mean, scale * sd, scale * errors[0], scale * errors[1])
 
 
 def _mean_and_sd(sums: Array) -> tuple[Array, Array]:
@@ -186,18 +186,18 @@ def _posterior(result: Identification) -> Posterior:
 
 
 def difference_of_data(free: Identification, constrained: Identification) -> float:
-    """Relative, of the gradients and the noise by which the two likelihoods differ: signs of samples may."""
-    one, other = (_posterior(result).target.likelihood for result in (free, constrained))
-    if one.gradient.shape != other.gradient.shape:
+    """Relative difference of the two likelihoods: the larger one of their gradients and their noise."""
+    first, second = (_posterior(result).target.likelihood for result in (free, constrained))
+    if first.gradient.shape != second.gradient.shape:
         return np.inf
-    gradient = np.linalg.norm(one.gradient - other.gradient) / np.linalg.norm(one.gradient)
-    return float(max(gradient, np.max(np.abs(other.sigma / one.sigma - 1.0))))
+    gradient = np.linalg.norm(first.gradient - second.gradient) / np.linalg.norm(first.gradient)
+    return float(max(gradient, np.max(np.abs(second.sigma / first.sigma - 1.0))))
 
 
 def report(rows: Sequence[Row]) -> str:
-    """A line for each log and form, its errors beside it."""
+    """One line per log and form, with Monte Carlo errors."""
     lines = [
-        f"{'':<46}{'means off by at most, sd':^34}{'ratio of sd':^44}",
+        f"{'':<46}{'largest difference of means, sd':^34}{'ratio of sd':^44}",
         f"{'log':<12}{'constraint':<26}{'kept':>8}"
         f"{'involved':>12}{'all':>8}{'error':>8}{'involved':>18}{'all':>18}{'error':>8}",
     ]
@@ -209,10 +209,10 @@ def report(rows: Sequence[Row]) -> str:
             f"{_range(ratio[named]):>18}{_range(ratio):>18}{max(row['ratio_error']):>8.3f}"
         )
     good = sum(agrees(row) for row in rows)
-    lines += ["", "error: of Monte Carlo, the largest of any parameter; one standard deviation"]
+    lines += ["", "error: largest Monte Carlo error (one standard deviation) of any parameter"]
     lines += [f"relative difference of the two likelihoods: at most {max(row['data'] for row in rows):.1g}"]
-    wanted = f"means within {MEAN:g} sd, ratios {SPREAD[0]:g} to {SPREAD[1]:g}, all parameters"
-    return "\n".join([*lines, f"{wanted}: {good} of {len(rows)}"])
+    required = f"means within {MEAN:g} sd, ratios {SPREAD[0]:g} to {SPREAD[1]:g}, all parameters"
+    return "\n".join([*lines, f"{required}: {good} of {len(rows)}"])
 
 
 def _range(values: Array) -> str:
@@ -220,7 +220,7 @@ def _range(values: Array) -> str:
 
 
 def agrees(row: Row) -> bool:
-    """Whether draws with a constraint are those without it that satisfy it."""
+    """Whether draws with a constraint agree with the kept draws without it."""
     ratio = np.array(row["ratio"])
     return bool(np.max(np.abs(row["off"])) <= MEAN and ratio.min() >= SPREAD[0] and ratio.max() <= SPREAD[1])
 
@@ -232,7 +232,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     means, spreads = figure.subplots(1, 2)
     for log, colour, marker in zip(dict.fromkeys(row["log"] for row in rows), COLOURS, MARKERS, strict=False):
         for axes, key in ((means, "off"), (spreads, "ratio")):
-            for row in (one for one in rows if one["log"] == log):
+            for row in (row for row in rows if row["log"] == log):
                 at = list(FORMS).index(row["form"]) + 0.3 * np.linspace(-1.0, 1.0, len(row[key]))
                 axes.plot(row[key], at, marker, ms=2, color=colour, label=log)
     for axes, limits, words in (
@@ -249,7 +249,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
-    """All forms of a log, then of the next: one identification without constraints serves them all."""
+    """All forms of a log, then of the next: they share one identification without constraints."""
     second = REAL if (real.DATA / f"{REAL}.csv").is_file() else "ur10e"
     return in_turn([Scenario(log, form) for log in ("kr5", second) for form in FORMS])(trials, seed)
 

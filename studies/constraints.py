@@ -1,15 +1,15 @@
-"""What constraints on the links of a UR10e say and cost, and how near the proof's lower bound comes with them.
+"""What do constraints on the links change, and how tight is the proof's bound? A real log of a UR10e.
 
-The maker publishes masses and centres of mass of the links, in the frames of the Denavit-Hartenberg table. What is
-stated is far from exact: each centre of mass to within 0.1 m along each axis, each mass at most 1.3 times the published
-one, and all masses together from 27 to 31 kg: 44 half spaces. One real log, its signs hidden, is identified with them
-and without. Errors are against the published numbers.
+The maker publishes masses and centres of mass of the links, in the frames of the Denavit-Hartenberg table. Stated are
+44 half spaces: each centre of mass within 0.1 m along each axis, each mass at most 1.3 times the published one, and the
+total mass from 27 to 31 kg. One real log, its signs hidden, is identified with and without them. Errors are differences
+from the published numbers.
 
-The lower bound of a node of the proof is that of its decided segments (docs/certified-search.md). Its gap is what it
-leaves of the least cost, as a share of it and in nats: with the solver's usual tolerance, and with the finest that it
-reaches. Nodes are random: so are their segments, and every second one's signs; the other ones have the signs found.
+A node of the proof has a lower bound of the cost of its decided segments (docs/certified-search.md). Its gap is the
+least cost minus this bound, as a share of the cost and in nats, with the solver's usual and with its finest tolerance.
+Nodes have random segments; every second node has random signs, the others the signs found.
 
-The log stands in $BAYESID_DATA; it is not part of bayesid.
+The log is in $BAYESID_DATA; it is not part of bayesid.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
@@ -35,7 +34,6 @@ from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import SignProblem
 from bayesid.studies import real
 from bayesid.studies.preference import Witnessed
-from bayesid.studies.real import DATA
 from bayesid.studies.record import Row
 from bayesid.studies.study import Study, in_turn
 
@@ -57,11 +55,11 @@ CENTRES = np.array(
 """m, of the links, in their frames."""
 _AROUND, _MOST, _TOTAL = 0.1, 1.3, (27.0, 31.0)
 FROM = (2, 11)
-"""Decided segments from which on a node is of the second class, and of the third."""
+"""Least number of decided segments of nodes of the second and the third class."""
 NODES = 200
 """Random nodes of each class."""
 LEAST_DRAWN = 1e-7
-"""Gap in % below which nodes are drawn there: rounding makes some negative."""
+"""Gap in % that the figure shows for all smaller ones: rounding makes some negative."""
 
 
 def published(p: StatedParameters) -> Iterator[Any]:
@@ -74,10 +72,7 @@ def published(p: StatedParameters) -> Iterator[Any]:
 
 def figures(result: Identification, log: Log) -> dict[str, float]:
     """Shares, errors and standard deviations of a result."""
-    rows = real.grid_rows(result, log.t)
-    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
-    counted = real.is_strong(log.effort) & moving
-    right = result.sample_signs[rows] == np.sign(log.effort)
+    right, counted = real.right_signs(result, log)
     links, sd = (values[:60].reshape(6, 10) for values in (result.theta, result.parameter_sd[0]))
     centres = links[:, 6:9] / links[:, 9:]
     return {
@@ -91,7 +86,7 @@ def figures(result: Identification, log: Log) -> dict[str, float]:
 
 
 def sd_of_open_parameters(results: list[Identification]) -> list[float]:
-    """Geometric means over the links' parameters that the prior decides without constraints."""
+    """Geometric means over the links' parameters that only the prior determines without constraints."""
     spread: list[Array] = [result.parameter_sd[0][:60] for result in results]
     is_open = ~results[0].parameter_sd[1][:60]
     return [float(np.exp(np.log(sd[is_open]).mean())) for sd in spread]
@@ -99,14 +94,14 @@ def sd_of_open_parameters(results: list[Identification]) -> list[float]:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A folder of a robot file and logs, and one of these."""
+    """A folder with a robot file and logs, and one of these logs."""
 
     folder: str
     log: str
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """The log without and with what is stated, and the gaps of bounds with it."""
+    """The log without and with constraints, and gaps of bounds with them."""
     folder = Path(scenario.folder)
     log, seconds, results = read_log(folder / f"{scenario.log}.csv"), [], []
     for says in (None, published, None, published):  # the first of each loads modules
@@ -115,20 +110,20 @@ def trial(scenario: Scenario, seed: int) -> Row:
         seconds.append(sum(os.times()[:4]) - began)
     without, with_them = (figures(result, log) for result in results[2:])
     open_sd = sd_of_open_parameters(results[2:])
-    dearest = max(results[-1].constraints, key=lambda one: one.nats)
+    costliest = max(results[-1].constraints, key=lambda constraint: constraint.nats)
     return {
-        "figures": [*without, "sd of what the prior decided"],
+        "figures": [*without, "sd where the prior decides"],
         "without": [*without.values(), open_sd[0]],
         "with": [*with_them.values(), open_sd[1]],
-        "dearest": dearest.label,
-        "nats": dearest.nats,
+        "costliest": costliest.label,
+        "nats": costliest.nats,
         **gaps(folder, log, seed),
         "timings": {"without": seconds[2], "with": seconds[3]},
     }
 
 
 def gaps(folder: Path, log: Log, seed: int, nodes: int = NODES) -> Row:
-    """Of bounds by two tolerances, in nats, for random nodes of every class, and these nodes' least costs."""
+    """Least costs of random nodes of every class, and the gaps of their bounds with two tolerances, nats."""
     search = Witnessed(Certified())
     result = identify(
         folder / "robot.toml", log.rectified(), complete="off", search=search, posterior=False, constraints=published
@@ -139,8 +134,8 @@ def gaps(folder: Path, log: Log, seed: int, nodes: int = NODES) -> Row:
     for low, high in pairwise((1, *FROM, every + 1)):
         for k in range(nodes):
             decided = rng.choice(every, rng.integers(low, high), replace=False)
-            turned = rng.choice([1, -1], len(decided)) if k % 2 else 1
-            parts.append((len(decided), *_gaps(problem, decided, turned * result.search.signs[decided])))
+            flips = rng.choice([1, -1], len(decided)) if k % 2 else 1
+            parts.append((len(decided), *_gaps(problem, decided, flips * result.search.signs[decided])))
     return dict(zip(("decided", "cost", "usual", "finer"), map(list, zip(*parts, strict=True)), strict=True))
 
 
@@ -160,8 +155,8 @@ def report(rows: Sequence[Row]) -> str:
     named = zip(row["figures"], row["without"], row["with"], strict=True)
     table = [("processor time, s", row["timings"]["without"], row["timings"]["with"]), *named]
     lines = [f"{'UR10e, ' + row['log']:<32}{'without':>10}{'with 44':>10}{'ratio':>8}"]
-    lines += [f"{name:<32}{one:10.4g}{other:10.4g}{other / one:8.2f}" for name, one, other in table]
-    lines += [f"constraint that costs most: {row['dearest']}, {row['nats']:.1f} nats", ""]
+    lines += [f"{name:<32}{before:10.4g}{after:10.4g}{after / before:8.2f}" for name, before, after in table]
+    lines += [f"constraint that costs most: {row['costliest']}, {row['nats']:.1f} nats", ""]
     lines += [f"{'gap of the lower bound with 44':<32}{'median':>10}{'90 %':>10}{'largest':>10}{'nats':>10}"]
     decided, cost = np.array(row["decided"]), np.array(row["cost"])
     for low, high in pairwise((1, *FROM, decided.max() + 1)):
@@ -198,11 +193,9 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
     """The log, with one seed after the other.
 
     Raises:
-        InputError: it is not there.
+        InputError: it is missing.
     """
-    if not DATA.is_dir():
-        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
-    return in_turn([Scenario(str(DATA / "ur10e"), "b_20s")])(trials, seed)
+    return in_turn([Scenario(str(real.data_folder() / "ur10e"), "b_20s")])(trials, seed)
 
 
 STUDY = Study("constraints", 1, plan, trial, report, draw)

@@ -1,6 +1,6 @@
-"""Which cut-off? The motion's low-pass from 1.5 to 32 Hz, and as chosen from the data; noisy encoders.
+"""Which low-pass cut-off is best? 1.5 to 48 Hz, and the automatic choice.
 
-The motion takes 6 s, so its positions hold up to 0.83 Hz; the positions' noise of 0.05 mrad makes accelerations noisy.
+The motion takes 6 s and reaches 0.83 Hz. Encoder noise of 0.05 mrad makes accelerations noisy.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from bayesid.studies.simulated import Scenario
 
 LEVELS = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
 _AUTOMATIC = 96.0
-"""Where the figure shows the cut-off that the data choose."""
+"""Hz, where the figure shows the automatic choice."""
 STUDY = sensitivity(
     "cutoff",
     Varied(

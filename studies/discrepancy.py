@@ -30,6 +30,7 @@ from bayesid.identification.pipeline import QUICK, identify
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.record import Row
+from bayesid.studies.simulated import STRONG
 from bayesid.studies.study import Study
 
 if TYPE_CHECKING:
@@ -41,8 +42,6 @@ CLEAR = 3.0
 """Size from which on an effect is expected to be named."""
 SIZES = (0.5, 1.0, 2.0, 3.0, 5.0, 10.01)
 """Edges of the size classes."""
-_STRONG = 0.05
-"""Samples whose effort is at least this share of the joint's maximum count for the signs."""
 
 
 def generator(study: str = "discrepancy") -> ModuleType:
@@ -141,7 +140,7 @@ def score(result: Discrepancy, truth: Any) -> Row:
     """What was named against what was hidden."""
     named = [(effect.effect, effect.joints, effect.equivalent) for effect in result.added]
     hidden = list(zip(truth.effects, truth.joints, strict=True))
-    strong = np.abs(truth.log_efforts) >= _STRONG * np.abs(truth.log_efforts).max(axis=0)
+    strong = np.abs(truth.log_efforts) >= STRONG * np.abs(truth.log_efforts).max(axis=0)
     right = result.identification.sample_signs == truth.log_signs
     touched = sorted({j - 1 for joints in truth.joints for j in joints}) or list(range(len(truth.floor)))
     ratio = (result.after / truth.floor)[touched]

@@ -1,4 +1,4 @@
-"""How short may a log be? Exciting motions of 2 to 48 s; from 24 s on the motion of 12 s repeats."""
+"""How short may a log be? Exciting motions of 2 to 48 s; from 24 s the motion of 12 s repeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How poor may the excitation be? Optimised motions, random ones, and random ones over less range or at less speed."""
+"""How poor may the excitation be? Optimised and random motions, and random ones of less range or speed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ VARIED = Varied("excitation", LEVELS, log_x=False)
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Every log: wrong signs, and errors of predicted efforts, over its condition number."""
+    """Wrong signs and errors of predicted efforts over the condition number, one point per log."""
     from bayesid.studies.figures import COLOURS, MARKERS, error_axis, wrong_axis
 
     panels = figure.subplots(1, 2)

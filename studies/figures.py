@@ -1,4 +1,4 @@
-"""Figures of many trials: medians with their spread over what was varied, and axes of shares and errors."""
+"""Figures of many trials: medians with their spread, axes of shares and errors."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from matplotlib.ticker import NullLocator
 from bayesid.arrays import Array
 
 COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
-"""Distinct for people who do not see red and green alike, and in print together with the markers."""
+"""Distinct for colour-blind readers, and in print together with the markers."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[float]]]]) -> None:
-    """For each group a line of medians over x, with bars from the 10 % to the 90 % quantile.
+    """One line of medians over x per group, with bars from the 10 % to the 90 % quantile.
 
     Args:
-        axes: where.
-        groups: name of the line to (x, values) pairs.
+        axes: to draw on.
+        groups: name of each line to (x, values) pairs.
     """
     count = len(groups)
     for k, ((name, pairs), colour, marker) in enumerate(zip(groups.items(), cycle(COLOURS), cycle(MARKERS))):
-        if not pairs:  # a short run has not come to it
+        if not pairs:  # not reached in a short run
             continue
         x = _aside(axes, np.array([x for x, _ in pairs], dtype=float), (k - (count - 1) / 2) * 0.012)
         middle = np.array([np.median(values) for _, values in pairs])
@@ -36,16 +36,16 @@ def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[floa
 
 
 def name_ticks(axes: Axes, places: Mapping[str, float]) -> None:
-    """Labels at their places on the x axis, turned where they would touch."""
-    turned = 60 if sum(map(len, places)) > 32 else 0
-    axes.set_xticks(list(places.values()), list(places), rotation=turned, fontsize=8)
+    """Labels at their places on the x axis, rotated where they would touch."""
+    rotation = 60 if sum(map(len, places)) > 32 else 0
+    axes.set_xticks(list(places.values()), list(places), rotation=rotation, fontsize=8)
     axes.xaxis.set_minor_locator(NullLocator())
 
 
 def wrong_axis(axes: Axes) -> None:
-    """Shares that are mostly zero, in percent: linear near zero, logarithmic above."""
+    """Axis of shares in percent, most of them zero: linear near zero, logarithmic above."""
     axes.set_ylabel("strong samples with the wrong sign, %")
-    axes.set_yscale("symlog", linthresh=0.1)  # a study's logs hold some thousand strong samples each
+    axes.set_yscale("symlog", linthresh=0.1)  # a log has some thousand strong samples
     axes.set_ylim(-0.01, max(1.5, 1.3 * axes.get_ylim()[1]))
     ticks = [value for value in (0.0, 0.1, 1.0, 10.0, 50.0) if value < axes.get_ylim()[1]]
     axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
@@ -53,7 +53,7 @@ def wrong_axis(axes: Axes) -> None:
 
 
 def error_axis(axes: Axes) -> None:
-    """Errors of predicted efforts in percent, logarithmic."""
+    """Logarithmic axis of errors of predicted efforts in percent."""
     axes.set_ylabel("effort error, new motion, %")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
@@ -62,7 +62,7 @@ def error_axis(axes: Axes) -> None:
 
 
 def _aside(axes: Axes, x: Array, share: float) -> Array:
-    """Points a little beside each other, so that bars do not hide bars."""
+    """Shifts points, so that bars do not hide each other."""
     if axes.get_xscale() == "log":
         return x * (x.max() / x.min()) ** share
     return x + share * (x.max() - x.min())

@@ -1,10 +1,10 @@
-"""What do logs of |currents| tell of gains? Simulated logs whose gains are off by up to 30 %, and stated so.
+"""Can a log of |current| determine uncertain gains? Simulated logs whose stated gains are wrong by up to 30 %.
 
-Robots with the standard friction and white noise of 3 % of each joint's RMS effort; every reading is made an effort by
-a gain that is 0.7 to 1.3 times the true one, and stated as uncertain by 20 %. The table gives, of the joints whose
-ratio the data decide, the error of that ratio and how many 95 % intervals hold it; how many joints are decided; the
-same for the factor common to all gains, which the prior decides; and signs beside those of the same log with true
-gains. In half of the trials there is another log of the robot with a payload of known mass, which fixes the factor.
+Robots have the standard friction and white noise of 3 % of each joint's RMS effort. Stated gains are 0.7 to 1.3 times
+the true ones, with a stated sd of 20 %. The table gives the share of the joints whose ratio of gains the data
+determine, the error of these ratios and the coverage of their 95 % intervals; the coverage where the prior determines
+the ratio; and the signs beside those found with the true gains. Half of the trials add a log with a payload of known
+mass, which determines the common factor of all gains.
 """
 
 from __future__ import annotations
@@ -29,23 +29,21 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.figures import Figure
 from bayesid.studies.record import Row
-from bayesid.studies.simulated import PERIOD, RATE, STRONG, Truth, make_truth
+from bayesid.studies.simulated import BUDGET, PERIOD, RATE, STRONG, Truth, make_truth
 from bayesid.studies.simulated import Scenario as Made
 from bayesid.studies.study import Study, in_turn
 
-_FARTHEST = (0.7, 1.3)
+_RANGE = (0.7, 1.3)
 """Stated gains over true ones."""
 _SD = 0.2
-"""Relative sd that is stated of them: about that of a uniform logarithm between these."""
+"""Stated relative sd: about that of a uniform logarithm over `_RANGE`."""
 _NOISE = 0.03
 """Of the efforts, relative to each joint's RMS effort."""
-_WEIGHED, _SCALES = 3.0, 0.005
-"""kg, of the payload, and the sd by which it is known."""
+_MASS, _MASS_SD = 3.0, 0.005
+"""kg, of the payload."""
 _LABEL = "weighed"
 _ANOTHER = 2_000_000
-"""Added to the seed for the motion with it."""
-_BUDGET = 3.0
-"""Nominal seconds of a search's proof, as in `bayesid.studies.simulated`."""
+"""Added to the seed for the motion with payload."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Scenario:
 
     Attributes:
         robot: built-in name.
-        payload: whether there is a log with a weighed payload beside it.
+        payload: whether a second log has a weighed payload.
     """
 
     robot: str
@@ -72,28 +70,28 @@ def trial(scenario: Scenario, seed: int) -> Row:
     logs, prior = [truth.log], ParameterPrior()
     if scenario.payload:
         logs.append(_loaded(truth, seed).carrying(_LABEL))
-        prior = ParameterPrior(nominal={f"m_{_LABEL}": (_WEIGHED, _SCALES)})
-    off = np.exp(np.random.default_rng([seed, 1]).uniform(np.log(_FARTHEST[0]), np.log(_FARTHEST[1]), n))
-    wrong = [replace(log.rescaled(off), gains=Gains(off, np.full(n, _SD))) for log in logs]
+        prior = ParameterPrior(nominal={f"m_{_LABEL}": (_MASS, _MASS_SD)})
+    ratio = np.exp(np.random.default_rng([seed, 1]).uniform(np.log(_RANGE[0]), np.log(_RANGE[1]), n))
+    wrong = [replace(log.rescaled(ratio), gains=Gains(ratio, np.full(n, _SD))) for log in logs]
     found, known = (
         identify(
             robot,
             join_logs(some),
             STANDARD,
             complete="off",
-            search=Certified(budget=_BUDGET),
+            search=Certified(budget=BUDGET),
             posterior=False,
             prior=prior,
         )
         for some in (wrong, logs)
     )
     if found.gains is None:
-        raise ValueError("gains were no unknowns")
+        raise ValueError("gains were not identified")
     return {**_of_gains(found.gains), "right": _right(truth, found), "right_with_true": _right(truth, known)}
 
 
 def _loaded(truth: Truth, seed: int) -> Log:
-    """Another log of the robot, whose last link is heavier by a body."""
+    """A log of the robot with a random payload at its last link."""
     rng = np.random.default_rng([seed, 2])
     n, last = truth.log.n_joints, truth.model.cone.bodies[-1]
     motion = random_trajectory(n, PERIOD, rng=seed + _ANOTHER).motion(np.arange(round(PERIOD * RATE) + 1) / RATE)
@@ -102,28 +100,28 @@ def _loaded(truth: Truth, seed: int) -> Log:
     pseudo[:3, :3], pseudo[3, :3], pseudo[:3, 3] = spread + np.outer(centre, centre), centre, centre
     pseudo[3, 3] = 1.0
     theta = truth.theta.copy()
-    theta[last] += from_pseudo_inertia(_WEIGHED * pseudo)
+    theta[last] += from_pseudo_inertia(_MASS * pseudo)
     return simulate(truth.model, theta, motion, rng=rng, noise=_NOISE)
 
 
 def _of_gains(gains: IdentifiedGains) -> Row:
     """Errors of ratios and factor; the true gains are 1."""
-    log, told = np.log(gains.value), np.array(gains.decided_by) == BY_DATA
+    log, by_data = np.log(gains.value), np.array(gains.decided_by) == BY_DATA
     others = np.where(np.eye(len(log), dtype=bool), 0.0, gains.weights)
     error = np.abs(log - (others / others.sum(axis=1, keepdims=True)) @ log)
     factor = abs(float(gains.weights @ log))
     inside = error <= NORMAL_95 * gains.ratio_sd
     single = np.abs(log) <= NORMAL_95 * gains.relative_sd
     return {
-        "told": int(told.sum()),
-        "ratio_error": float(np.median(error[told])) if told.any() else None,
-        "ratio_error_worst": float(error[told].max()) if told.any() else None,
-        "inside": int(inside[told].sum()),
-        "untold": int((~told).sum()),
-        "untold_inside": int(inside[~told].sum()),
+        "by_data": int(by_data.sum()),
+        "ratio_error": float(np.median(error[by_data])) if by_data.any() else None,
+        "ratio_error_worst": float(error[by_data].max()) if by_data.any() else None,
+        "inside": int(inside[by_data].sum()),
+        "by_prior": int((~by_data).sum()),
+        "by_prior_inside": int(inside[~by_data].sum()),
         "single_inside": int(single.sum()),
         "joints": len(log),
-        "sd": float(np.median(gains.ratio_sd[told])) if told.any() else None,
+        "sd": float(np.median(gains.ratio_sd[by_data])) if by_data.any() else None,
         "factor_error": factor,
         "factor_inside": factor <= NORMAL_95 * gains.factor_sd,
         "factor_by_data": gains.factor_decided_by == BY_DATA,
@@ -132,7 +130,7 @@ def _of_gains(gains: IdentifiedGains) -> Row:
 
 
 def _right(truth: Truth, result: Identification) -> float:
-    """Share of the first log's samples with a strong effort whose sign is right."""
+    """Share of the first log's strong samples whose sign is right."""
     rows = slice(0, len(truth.effort))
     strong: Array = np.abs(truth.effort) >= STRONG * np.abs(truth.effort).max(axis=0)
     return float((result.sample_signs[rows] == np.sign(truth.effort))[strong].mean())
@@ -141,14 +139,15 @@ def _right(truth: Truth, result: Identification) -> float:
 def report(rows: Sequence[Row]) -> str:
     """A table by robot and, with a payload, one of the factor."""
     lines = [
-        "robot   logs  told  ratio error  in 95 %  not told: in 95 %  single gain in 95 %  signs right  with true gains"
+        "robot   logs  by data  ratio error  in 95 %  by prior: in 95 %  single gain in 95 %  signs right"
+        "  with true gains"
     ]
     for robot, some in _groups(rows, payload=False):
-        told, untold = _total(some, "told"), _total(some, "untold")
+        by_data, by_prior = _total(some, "by_data"), _total(some, "by_prior")
         errors = [row["ratio_error"] for row in some if row["ratio_error"] is not None]
         lines.append(
-            f"{robot:<8}{len(some):4d}{told / _total(some, 'joints'):6.0%}{_middle(errors):>13}"
-            f"{_share(_total(some, 'inside'), told):>9}{_share(_total(some, 'untold_inside'), untold):>19}"
+            f"{robot:<8}{len(some):4d}{by_data / _total(some, 'joints'):9.0%}{_median(errors):>13}"
+            f"{_share(_total(some, 'inside'), by_data):>9}{_share(_total(some, 'by_prior_inside'), by_prior):>19}"
             f"{_share(_total(some, 'single_inside'), _total(some, 'joints')):>21}"
             f"{_total(some, 'right') / len(some):13.3%}{_total(some, 'right_with_true') / len(some):17.3%}"
         )
@@ -161,15 +160,15 @@ def report(rows: Sequence[Row]) -> str:
         errors = [row["ratio_error"] for row in some if row["ratio_error"] is not None]
         lines.append(
             f"{robot:<8}{len(some):4d}{_total(some, 'factor_by_data') / len(some):16.0%}"
-            f"{_middle([row['factor_error'] for row in some]):>14}{_total(some, 'factor_inside') / len(some):9.1%}"
-            f"{_middle(errors):>13}{_share(_total(some, 'inside'), _total(some, 'told')):>9}"
+            f"{_median([row['factor_error'] for row in some]):>14}{_total(some, 'factor_inside') / len(some):9.1%}"
+            f"{_median(errors):>13}{_share(_total(some, 'inside'), _total(some, 'by_data')):>9}"
         )
-    unsettled = sum(not row["converged"] for row in rows)
-    return "\n".join([*lines, "", f"signs and gains had not come to agree in {unsettled} of {len(rows)} logs"])
+    moving = sum(not row["converged"] for row in rows)
+    return "\n".join([*lines, "", f"signs and gains did not converge in {moving} of {len(rows)} logs"])
 
 
 def _groups(rows: Sequence[Row], *, payload: bool) -> Iterator[tuple[str, list[Row]]]:
-    """Robots, and all of them, with their rows; none without any."""
+    """Rows by robot, then all rows; groups without rows are left out."""
     chosen = [row for row in rows if row["payload"] == payload]
     for robot in (*ROBOTS, "all"):
         some = [row for row in chosen if robot in (row["robot"], "all")]
@@ -181,7 +180,7 @@ def _total(rows: Sequence[Row], name: str) -> float:
     return float(sum(row[name] for row in rows))
 
 
-def _middle(errors: Sequence[float]) -> str:
+def _median(errors: Sequence[float]) -> str:
     return f"{np.median(errors):.2%}" if errors else "none"
 
 
@@ -193,10 +192,10 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Errors of ratios and, with a payload, of the factor, by robot."""
     axes = figure.add_subplot()
     for place, robot in enumerate(ROBOTS):
-        for payload, name, said in ((False, "ratio_error", "ratios"), (True, "factor_error", "factor, by a payload")):
+        for payload, name, text in ((False, "ratio_error", "ratios"), (True, "factor_error", "factor, by a payload")):
             some = [row for row in rows if row["robot"] == robot and row["payload"] == payload]
             errors = [100.0 * row[name] for row in some if row[name] is not None]
-            places, label = np.full(len(errors), place + 0.2 * payload - 0.1), None if place else said
+            places, label = np.full(len(errors), place + 0.2 * payload - 0.1), None if place else text
             axes.plot(places, errors, "os"[payload], color=f"C{int(payload)}", alpha=0.5, label=label)
     axes.set_xticks(range(len(ROBOTS)), ROBOTS)
     axes.set_ylabel("error, %")

@@ -1,4 +1,4 @@
-"""How many initial segments? T-PBPR that enumerates the signs of 1 to 9 segments before its beam begins; w = 5."""
+"""How many segments should T-PBPR enumerate before its beam begins? 1 to 9, with a beam of width 5."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Do confidences fall where the model cannot be right? The logs of `calibration` with an effect that it does not hold.
+"""Do confidences fall where the model is wrong? Logs of `calibration` with an effect outside of the model.
 
-docs/posterior.md says how confidences are lowered where the model's own error is large: this is what that does.
+docs/posterior.md explains how a large model error lowers confidences.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How much noise can the signs bear? Efforts with white noise of 2 to 80 % of each joint's RMS effort."""
+"""How much noise may the efforts have? White noise of 2 to 80 % of each joint's RMS effort."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""The paper's experiment over many seeds, new trajectory and new noise each, its numbers beside ours.
+"""Does the experiment of the paper succeed? Many seeds, each with its own trajectory and noise.
 
-The paper gives one run. Its rms error over Table II is set against ours seed by seed; the published estimates stand
-beside the median and the spread of ours.
+The paper gives one run: its estimates stand beside our median and spread, its RMS error beside ours of every seed.
 """
 
 from __future__ import annotations
@@ -27,11 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scenario:
-    """The experiment.
-
-    Attributes:
-        noise: of the efforts, relative to each joint's RMS effort.
-    """
+    """Noise of the efforts, relative to each joint's RMS effort."""
 
     noise: float = NOISE
 
@@ -57,7 +52,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def report(rows: Sequence[Row]) -> str:
-    """Table II with its spread, and the figures beside the paper's."""
+    """Table II with our spread, and figures beside the paper's."""
     estimates = np.array([row["estimates"] for row in rows])
     z = np.array([row["z"] for row in rows])
     nominal, published = (np.array([getattr(row, key) for row in TABLE_II]) for key in ("nominal", "published"))
@@ -72,28 +67,28 @@ def report(rows: Sequence[Row]) -> str:
             f"{low:7.4f} {high:7.4f}   {relative}  {np.mean(np.abs(z[:, i]) < NORMAL_95):14.0%}"
         )
     decided = nominal != 0.0
-    ours, theirs = _rms(estimates - nominal), float(_rms(published - nominal))
+    ours, theirs = _rms_error(estimates - nominal), float(_rms_error(published - nominal))
     right = sum(row["wrong"] == 0 for row in rows)
     torque = np.median([row["torque_error"] for row in rows], axis=0)
     figures = [
         ("runs with every strong segment right", f"{right} of {len(rows)}", "1 of 1"),
-        ("segments", _spread([row["segments"] for row in rows], "{:.0f}"), "39"),
+        ("segments", spread([row["segments"] for row in rows]), "39"),
         ("coefficients", f"{rows[0]['coefficients']}", "36"),
         ("of Table II with rsd < 25 % (median run)", f"{int((rsd[decided] < 0.25).sum())}", "27"),
         ("of Table II with rsd < 10 % (median run, of 26)", f"{int((rsd[decided] < 0.1).sum())}", "not given"),
-        ("rms error over Table II", _spread(ours, "{:.4f}"), f"{theirs:.4f}"),
+        ("rms error over Table II", spread(ours, "{:.4f}"), f"{theirs:.4f}"),
         ("runs with a smaller error than the paper's", f"{int(np.sum(ours < theirs))} of {len(rows)}", ""),
         ("95 % intervals that hold the nominal value", f"{covered(rows):.1%}", "not given"),
         ("signs certified", f"{sum(row['certified'] for row in rows)} of {len(rows)}", "no proof"),
     ]
     for j in range(len(torque)):
-        spread = _spread([row["torque_error"][j] for row in rows], "{:.2%}")
-        figures.append((f"torque error on a new trajectory, joint {j + 1}", spread, "" if j else "almost overlapping"))
+        error = spread([row["torque_error"][j] for row in rows], "{:.2%}")
+        figures.append((f"torque error on a new trajectory, joint {j + 1}", error, "" if j else "almost overlapping"))
     lines += ["", f"{'':<52}{'ours: median (5 % to 95 %)':>30}   paper"]
     lines += [f"{name:<52}{ours:>30}   {theirs}".rstrip() for name, ours, theirs in figures]
     failed = [row["seed"] for row in rows if row["wrong"]]
     lines += [f"seeds with a wrong strong segment: {failed}"] if failed else []
-    torques = f"the median run's worst joint predicts new torques to {torque.max():.1%}"
+    torques = f"median torque error of the worst joint: {100 * torque.max():.1f} %"
     return "\n".join([*lines, "", f"all signs right in {right} of {len(rows)} runs; {torques}"])
 
 
@@ -102,19 +97,20 @@ def covered(rows: Sequence[Row]) -> float:
     return float(np.mean(np.abs([row["z"] for row in rows]) < NORMAL_95))
 
 
-def _rms(error: Array) -> Array:
+def _rms_error(error: Array) -> Array:
     """Over the coefficients, the last axis."""
     size: Array = np.sqrt(np.mean(error**2, axis=-1))
     return size
 
 
-def _spread(values: Sequence[float] | Array, form: str) -> str:
+def spread(values: Sequence[float] | Array, form: str = "{:.0f}") -> str:
+    """Median, and 5 and 95 % quantile."""
     low, middle, high = np.percentile(values, [5, 50, 95])
     return f"{form.format(middle)} ({form.format(low)} to {form.format(high)})"
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Errors of Table II's coefficients: ours with their spread over the seeds, and the paper's."""
+    """Errors of the coefficients of Table II: ours with their spread over the seeds, and the paper's."""
     from bayesid.studies.figures import COLOURS
 
     nominal = np.array([row.nominal for row in TABLE_II])

@@ -23,9 +23,9 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
 from bayesid.robot import robot_from_table
 from bayesid.studies.calibration import on_grid
-from bayesid.studies.complete import STRONG
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.record import Row
+from bayesid.studies.simulated import STRONG
 from bayesid.studies.study import Study, in_turn
 from bayesid.studies.sure import MOST_WRONG, SURE
 

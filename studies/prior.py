@@ -1,7 +1,7 @@
-"""What does the prior decide? Its standard deviations from a quarter to four times as wide, and values from a drawing.
+"""Does the prior change the result? Standard deviations times 0.25 to 4, and stated link parameters.
 
-`drawing 10 %`: all link parameters are given beforehand, each off by 10 % of itself (one standard deviation) and known
-to be. With the posterior, so intervals are its quantiles. Logs of 8 s with 10 % noise, where the prior has a say.
+`drawing 10 %`: all link parameters are stated, with errors and standard deviations of 10 %. Intervals are quantiles of
+the posterior. Logs of 8 s with 10 % noise, where the prior matters.
 """
 
 from __future__ import annotations

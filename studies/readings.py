@@ -1,4 +1,4 @@
-"""What sensors make of the efforts of simulated logs: noise of several kinds, steps, a filter behind the rectifier."""
+"""Sensors of simulated logs: several kinds of noise, quantisation, a filter behind the rectifier."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 from bayesid.arrays import Array
 
 Reading = Callable[[Array, Array, np.random.Generator], Array]
-"""From efforts (N, n), the noise's sd (n,) and draws to what is read (N, n), in the signs of the rectified efforts."""
+"""From efforts (N, n), the noise's sd (n,) and a generator to readings (N, n), signed as before rectification."""
 RATE = 100.0
-"""Hz, of the logs that are read."""
+"""Hz, of the logs."""
 _FREEDOM = 3
-"""Degrees of freedom of heavy tails: the fewest for which there is a variance."""
+"""Degrees of freedom of heavy tails: the smallest whole number with a finite variance."""
 _STEPS = 256
-"""Of a sensor of 8 bits, from minus its joint's largest effort to plus. One of 12 bits reads the same if the log uses a
-sixteenth of its range."""
+"""8 bits, from minus to plus the joint's largest effort: as 12 bits of which the log uses a sixteenth of the range."""
 _ORDER = 2
-"""Of the low-pass behind a rectifier (Butterworth), run forwards and backwards: it delays nothing."""
+"""Of the low-pass behind a rectifier (Butterworth), run forwards and backwards, without delay."""
 
 
 def _white(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
@@ -27,7 +26,7 @@ def _white(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
 
 
 def _autoregressive(correlation: float) -> Reading:
-    """Noise that is correlated from sample to sample, and stationary from the first."""
+    """AR(1) noise, stationary from the first sample."""
 
     def noisy(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
         steps = rng.standard_normal(efforts.shape) * np.sqrt(1.0 - correlation**2)
@@ -38,7 +37,7 @@ def _autoregressive(correlation: float) -> Reading:
 
 
 def _quantised(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
-    """No other noise that would hide the steps."""
+    """Rounded to the sensor's steps, without other noise."""
     step = 2.0 * np.abs(efforts).max(axis=0) / _STEPS
     return step * np.rint(efforts / step)
 
@@ -48,10 +47,7 @@ def _heavy_tailed(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
 
 
 def _filtered(cutoff: float) -> Reading:
-    """White noise, then the rectifier, then a low-pass (Hz): zeros are filled, and what is left has no sign of its own.
-
-    It is given that of the effort before the rectifier.
-    """
+    """White noise, rectifier, low-pass (Hz); the result has the sign of the effort before the rectifier."""
     sections = butter(_ORDER, cutoff, output="sos", fs=RATE)
 
     def read(efforts: Array, sd: Array, rng: np.random.Generator) -> Array:
@@ -68,6 +64,6 @@ NOISES: Mapping[str, Reading] = {
     "8 bit": _quantised,
     "Student t": _heavy_tailed,
 }
-"""Of an RMS of 1 to 3 % of each joint's RMS effort but for "8 bit"."""
+"""Noise of 1 to 3 % of each joint's RMS effort, except for "8 bit"."""
 READINGS: Mapping[str, Reading] = {**NOISES, "filtered 8 Hz": _filtered(8.0), "filtered 3 Hz": _filtered(3.0)}
-"""All there are: noises, and filters behind the rectifier."""
+"""Noises, and filters behind the rectifier."""

@@ -1,18 +1,16 @@
-"""Real logs with their signs hidden: the share of signs that come back right.
+"""Which signs of real logs are right? Signs are hidden, then compared with the logged ones.
 
-A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
-sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
-sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
-true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is the
-share of the strong samples in motion on whose sign all assignments agree that still matter
-(docs/certified-search.md). The verdict, and why it is not good, are those that `bayesid identify` ends with.
+Samples with |effort| of at least 5 % of their joint's maximum count (`strong`). `smooth` compares with the sign of the
+logged effort after a 20 Hz low-pass, since sensor noise flips single samples near zero; a table gives the score of that
+low-passed effort itself. `determined` is the share of the strong samples in motion whose sign is the same in all
+assignments that remain possible (docs/certified-search.md). Verdict and reason are those of `bayesid identify`.
 
-Then what the confidences are worth: of the samples given 0.99 and more how many there are and how many are wrong, and
-how well a segment's confidence parts the wrong segments from the right ones (area under the curve, AUC): also with a
-model that lacks friction, whose confidences must fall. A segment is wrong when its sign is not that of its logged
-efforts' sum. In motion: without the segments at standstill, a few samples each, where friction may point either way.
+Confidences: the share of samples of 0.99 and more, the wrong ones among them, and how well the confidence of segments
+separates wrong from right ones (area under the curve, AUC); also with a model without friction, whose confidences must
+fall. A segment is wrong if its sign is not that of the sum of its logged efforts. `in motion` leaves out segments at
+standstill, where friction may have either sign.
 
-The logs stand in $BAYESID_DATA, on workers of a cluster as well; they are not part of bayesid.
+The logs are in $BAYESID_DATA, on workers of a cluster as well; they are not part of bayesid.
 """
 
 from __future__ import annotations
@@ -44,6 +42,7 @@ from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.record import Row
+from bayesid.studies.simulated import STRONG
 from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
@@ -51,7 +50,6 @@ if TYPE_CHECKING:
 
 LOGS = ("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded", "ur10e/c_loaded", "panda/a", "tx40/a")
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
-STRONG = 0.05
 POOR = ("rigid_body", "torque_offset", "rotor_inertia")
 SURE = 0.99
 _SMOOTH_HZ = 20.0
@@ -65,7 +63,7 @@ class Scenario:
         data: folder of the robots' folders.
         log: robot/log.
         terms: of the model.
-        predicts: another log that the model is to predict, instead of the signs' scores.
+        predicts: another log, whose prediction is scored instead of the signs.
     """
 
     data: str
@@ -74,7 +72,7 @@ class Scenario:
     predicts: str = ""
 
     def path(self, log: str) -> Path:
-        """Of a log."""
+        """File of a log."""
         return Path(self.data) / f"{log}.csv"
 
 
@@ -82,22 +80,33 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
     """All logs; those of the UR10e without friction in the model; a prediction; then again with other seeds.
 
     Raises:
-        InputError: the logs are not there.
+        InputError: the logs are missing.
     """
-    if not DATA.is_dir():
-        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
-    data = str(DATA)
+    data = str(data_folder())
     ordinary = [Scenario(data, log) for log in LOGS]
     poor = [Scenario(data, log, POOR) for log in LOGS if "ur10e" in log]
     return in_turn([*ordinary, *poor, Scenario(data, "ur10e/a_50s", predicts="ur10e/c_unloaded")])(trials, seed)
 
 
+def data_folder() -> Path:
+    """Folder of the real logs.
+
+    Raises:
+        InputError: it does not exist.
+    """
+    if not DATA.is_dir():
+        raise InputError(
+            f"no real logs in {DATA}", "$BAYESID_DATA", "set it to the folder of the logs: see docs/results.md"
+        )
+    return DATA
+
+
 def trial(scenario: Scenario, seed: int) -> Row:
-    """Identifies one log without its signs, and scores them or what the model predicts."""
+    """Identifies one log without its signs, and scores the signs or the prediction of another log."""
     log = read_log(scenario.path(scenario.log))
     robot = load_robot(scenario.path(scenario.log).with_name("robot.toml"))
     search, sampling = Certified(), Sampling(rng=seed)
-    complete: Completeness = "auto" if scenario.terms == STANDARD else "off"  # there, what a second opinion is worth
+    complete: Completeness = "auto" if scenario.terms == STANDARD else "off"
     result = identify(robot, log.rectified(), scenario.terms, complete=complete, search=search, posterior=sampling)
     other = read_log(scenario.path(scenario.predicts)) if scenario.predicts else None
     scores = _scored(result, log) if other is None else _predicted(result, other)
@@ -105,7 +114,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def _scored(result: Identification, log: Log) -> Row:
-    """Of signs and confidences."""
+    """Scores of signs and confidences."""
     rows = grid_rows(result, log.t)
     moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
     signs = result.sample_signs[rows]
@@ -122,7 +131,7 @@ def _scored(result: Identification, log: Log) -> Row:
     conclusion = conclude(check_findings(report_data(result)))
     return {
         "verdict": conclusion.state,
-        "why": "; ".join(one.message.partition("; ")[0] for one in conclusion.actions if one.state == conclusion.state),
+        "why": "; ".join(a.message.partition("; ")[0] for a in conclusion.actions if a.state == conclusion.state),
         "segments": len(result.segments),
         "all": _share(signs, log.effort, strong),
         "motion": _share(signs, log.effort, strong & moving),
@@ -148,14 +157,14 @@ def _scored(result: Identification, log: Log) -> Row:
         "max_rhat": posterior.max_rhat,
         "min_ess": posterior.min_ess,
         "certified": bool(result.search.certified),
-        "settled": _settled(result, strong, rows),
+        "determined": _determined(result, strong, rows),
         "solves": result.search.solves,
         "residual": result.fit.relative_residual.tolist(),
     }
 
 
 def _wrong_segments(result: Identification, effort: Array, rows: Any) -> Mask:
-    """(S,) whether the segment's sign is not that of its logged efforts' sum; never where that sum is zero."""
+    """(S,) whether a segment's sign differs from that of the sum of its logged efforts; false if the sum is zero."""
     sums = np.zeros_like(result.probability)
     np.add.at(sums, rows, effort)
     segments = result.segments
@@ -166,7 +175,7 @@ def _wrong_segments(result: Identification, effort: Array, rows: Any) -> Mask:
 
 
 def area_under_curve(confidence: Array, wrong: Mask) -> float:
-    """Probability that a wrong segment has less confidence than a right one, ties counted half (Mann and Whitney)."""
+    """Probability that a wrong segment has less confidence than a right one, ties count half (Mann and Whitney)."""
     count = int(wrong.sum()) * int((~wrong).sum())
     if count == 0:
         return float("nan")
@@ -174,17 +183,17 @@ def area_under_curve(confidence: Array, wrong: Mask) -> float:
     return float((ranks.sum() - 0.5 * len(ranks) * (len(ranks) + 1)) / count)
 
 
-def _settled(result: Identification, strong: Any, rows: Any) -> float:
-    """Share of the strong samples in motion on whose sign all assignments that matter agree."""
-    sign_solution = result.search.persistent
-    if sign_solution is None:
+def _determined(result: Identification, strong: Any, rows: Any) -> float:
+    """Share of the strong samples in motion whose sign is the same in all assignments that remain possible."""
+    persistent = result.search.persistent
+    if persistent is None:
         return float("nan")
-    laid = result.searched.per_sample(np.where(sign_solution, 1, -1), *result.probability.shape)[rows]
-    return float((laid[strong & (laid != 0.0)] > 0.0).mean())
+    samples = result.searched.per_sample(np.where(persistent, 1, -1), *result.probability.shape)[rows]
+    return float((samples[strong & (samples != 0.0)] > 0.0).mean())
 
 
 def _predicted(result: Identification, target: Log) -> Row:
-    """How well the model predicts another log; beside it the signed fit on that log itself."""
+    """Scores of the prediction of another log, beside those of a signed fit to that log."""
     predicted = result.validate(target)
     moving = predicted.segments.per_sample(predicted.segments.moving, *predicted.measured.shape) > 0
     log_data = LogData(result.model, result.coefficients, predicted.signals, moving, moving)
@@ -192,7 +201,7 @@ def _predicted(result: Identification, target: Log) -> Row:
     ratio = predicted.relative_residual / signed.relative_residual
     figures = {
         "predicted": predicted.relative_residual,
-        "own": signed.relative_residual,
+        "signed": signed.relative_residual,
         "ratio": ratio,
         "coverage": predicted.coverage,
     }
@@ -200,15 +209,22 @@ def _predicted(result: Identification, target: Log) -> Row:
 
 
 def grid_rows(result: Identification, t: Array) -> Any:
-    """The grid's sample nearest to each row of the log."""
+    """For each row of the log the nearest sample of the grid."""
     motion = result.signals.motion
     nearest = np.rint((t - motion.t[0]) * result.signals.rate).astype(int)
     return np.clip(nearest, 0, len(motion) - 1)
 
 
 def is_strong(effort: Array) -> Any:
-    """Samples that count: with at least 5 % of their joint's largest effort."""
+    """Samples with at least 5 % of their joint's largest |effort|."""
     return np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
+
+
+def right_signs(result: Identification, log: Log) -> tuple[Any, Any]:
+    """(M, n) which samples of a signed log have the right sign, and which count: strong ones in motion."""
+    rows = grid_rows(result, log.t)
+    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
+    return result.sample_signs[rows] == np.sign(log.effort), is_strong(log.effort) & moving
 
 
 def _share(signs: Array, truth: Array, counted: Any) -> float:
@@ -227,7 +243,7 @@ def report(rows: Sequence[Row]) -> str:
     if ordinary:
         parts += [_table_of_signs(ordinary), _table_of_joints(ordinary), _table_of_smooth_truth(ordinary)]
         parts.append(_table_of_rest(ordinary))
-        parts += [_table_of_confidences(ordinary, "wrong segments and how well confidence marks them; the posterior")]
+        parts += [_table_of_confidences(ordinary, "wrong segments, AUC of their confidence; posterior")]
     if poor:
         parts.append(_table_of_confidences(poor, f"the same with terms {', '.join(POOR)}: no friction"))
     parts += [_prediction(row) for row in rows if row["predicts"]]
@@ -235,7 +251,7 @@ def report(rows: Sequence[Row]) -> str:
         least = min(ordinary, key=lambda row: row["motion"])
         certified = sum(row["certified"] for row in ordinary)
         proven = f"{certified} of {len(ordinary)} logs certified"
-        right = f"of strong samples in motion at least {least['motion']:.2%} have the right sign ({least['log']})"
+        right = f"at least {least['motion']:.2%} of the strong samples in motion have the right sign ({least['log']})"
         parts.append(f"{proven}; {right}")
         parts.append("\n".join(f"{row['log']:<17} {row['verdict']} {row['why']}".rstrip() for row in ordinary))
     return "\n\n".join(parts)
@@ -244,20 +260,20 @@ def report(rows: Sequence[Row]) -> str:
 def _table_of_signs(rows: Sequence[Row]) -> str:
     lines = [
         f"{'log':<17} segs   all %  motion %  smooth %  velocity %  sure %  of these wrong %  search s  total s"
-        "  certified  settled %"
+        "  certified  determined %"
     ]
     for row in rows:
         search, seconds = row["timings"]["search"], row["timings"]["seconds"]
         lines.append(
             f"{row['log']:<17} {row['segments']:>4}  {row['all']:>6.2%} {row['motion']:>8.2%} {row['smooth']:>9.2%}"
             f" {row['velocity']:>10.1%} {row['sure']:>9.1%} {row['sure_wrong']:>15.3%} {search:>9.1f}"
-            f" {seconds:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['sign_solution']:>10.2%}"
+            f" {seconds:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['determined']:>13.2%}"
         )
     return "\n".join(lines)
 
 
 def _table_of_joints(rows: Sequence[Row]) -> str:
-    lines = ["per joint, beside what sign(velocity) alone scores (in brackets)"]
+    lines = ["per joint; sign(velocity) alone in brackets"]
     for row in rows:
         pairs = zip(row["joints"], row["velocity_joints"], strict=True)
         lines.append(f"{row['log']:<17} " + "  ".join(f"{ours:.2%} ({theirs:.0%})" for ours, theirs in pairs))
@@ -265,7 +281,7 @@ def _table_of_joints(rows: Sequence[Row]) -> str:
 
 
 def _table_of_smooth_truth(rows: Sequence[Row]) -> str:
-    lines = [f"sign of the true effort after a {_SMOOTH_HZ:.0f} Hz low-pass, in motion: all, then per joint"]
+    lines = [f"sign of the true effort after a {_SMOOTH_HZ:.0f} Hz low-pass, in motion: all joints, each joint"]
     for row in rows:
         joints = "  ".join(f"{share:.2%}" for share in row["smooth_truth_joints"])
         lines.append(f"{row['log']:<17} {row['smooth_truth']:.2%}  {joints}")
@@ -273,7 +289,7 @@ def _table_of_smooth_truth(rows: Sequence[Row]) -> str:
 
 
 def _table_of_rest(rows: Sequence[Row]) -> str:
-    """Where no model knows friction: pooled, each log counts by its samples."""
+    """Signs at rest, where friction is unknown; `pooled` weights the logs by their samples."""
     lines = [f"samples at rest\n{'log':<17} samples  right %  mean confidence"]
     counts = np.array([row["at_rest"] for row in rows], dtype=float)
     columns = [np.array([row[name] for row in rows]) for name in ("rest_right", "rest_confidence")]
@@ -291,7 +307,7 @@ def _table_of_rest(rows: Sequence[Row]) -> str:
 
 def _table_of_confidences(rows: Sequence[Row], heading: str) -> str:
     lines = [
-        f"confidence {SURE:g} and more; {heading}",
+        f"confidence >= {SURE:g}; {heading}",
         f"{'log':<17}  sure %  wrong of these  strong: sure %  wrong  segments wrong  AUC  in motion wrong  AUC"
         "  R-hat  min ESS  posterior s",
     ]
@@ -307,16 +323,16 @@ def _table_of_confidences(rows: Sequence[Row], heading: str) -> str:
 
 def _prediction(row: Row) -> str:
     lines = [
-        f"model from {row['log']} without signs on {row['predicts']}: relative residual, that of a signed fit on the"
-        " latter, their ratio, share inside the 95 % band"
+        f"model of {row['log']} without signs on {row['predicts']}: relative residual, that of a signed fit to"
+        f" {row['predicts']}, their ratio, coverage of the 95 % band"
     ]
-    for name in ("predicted", "own", "ratio", "coverage"):
+    for name in ("predicted", "signed", "ratio", "coverage"):
         lines.append(f"  {name:<9} " + "  ".join(f"{value:6.3f}" for value in row[name]))
     return "\n".join(lines)
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Signs that come back right, joint by joint, beside what the velocity's sign scores."""
+    """Share of right signs, joint by joint, beside that of the velocity's sign."""
     from bayesid.studies.figures import COLOURS
 
     ordinary = [row for row in rows if not row["predicts"] and tuple(row["terms"]) == STANDARD]

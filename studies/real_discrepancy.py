@@ -1,7 +1,7 @@
-"""Is the missing effect named on real logs? A UR10e whose model lacks a payload of 2.8 kg, or all friction.
+"""Is the missing effect named in real logs? A UR10e whose model lacks a payload of 2.8 kg, or all friction.
 
-The logs stand in $BAYESID_DATA, on workers of a cluster as well. Signs are hidden but for the refit to compare with;
-stretches of the log are held back.
+The logs are in $BAYESID_DATA, on workers of a cluster as well. Signs are hidden, except in the refit for comparison.
+Gaps are those of held-back blocks.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 
 from bayesid.discrepancy.workflow import explain_log
 from bayesid.effects import STANDARD
-from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.reading import read_log
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.signs.search.certified import Certified
-from bayesid.studies.real import DATA
+from bayesid.studies.complete import named
+from bayesid.studies.real import data_folder
 from bayesid.studies.record import Row
 from bayesid.studies.study import Study, in_turn
 
@@ -51,27 +51,25 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
     """The payload, then the friction, then again.
 
     Raises:
-        InputError: the logs are not there.
+        InputError: the logs are missing.
     """
-    if not DATA.is_dir():
-        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
-    data = str(DATA / "ur10e")
+    data = str(data_folder() / "ur10e")
     payload = Scenario(data, "c_unloaded", STANDARD, "c_loaded")
     return in_turn([payload, Scenario(data, "a_50s", FRICTIONLESS, "a_50s")])(trials, seed)
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """Finds what the model lacks; beside its gap that of an ordinary identification with known signs."""
+    """Finds the missing effects; compares the gap with that of an identification with known signs."""
     source, log = (read_log(Path(scenario.data) / f"{name}.csv") for name in (scenario.source, scenario.log))
     search = Certified()
     model = identify("ur10e", source.rectified(), scenario.terms, complete="off", search=search, posterior=False)
-    known = replace(model.identified, logs=frozenset())  # of the friction the log itself is asked: does it name all?
+    known = replace(model.identified, logs=frozenset())  # friction is sought in the log of the model itself
     result = explain_log(known, log.rectified(), search=QUICK, posterior=False)
     refit = identify("ur10e", log, complete="off", search=search, posterior=False)
     of_refit = result.cross_validation.gap(refit.model.effort(result.cross_validation.signals.motion, refit.theta))
     return {
         "status": result.status,
-        "found": [_named(added.effect, added.joints) for added in result.added],
+        "found": [named(added.effect, added.joints) for added in result.added],
         "log10_bayes_factor": [added.gain / LN10 for added in result.added],
         "equivalent": [list(added.equivalent) for added in result.added],
         "payload": next((list(added.parameters["mp6"][:2]) for added in result.added if added.effect == "payload"), []),
@@ -84,12 +82,8 @@ def trial(scenario: Scenario, seed: int) -> Row:
     }
 
 
-def _named(effect: str, joints: tuple[int, ...]) -> str:
-    return f"{effect} {','.join(map(str, joints)) or 'all'}"
-
-
 def report(rows: Sequence[Row]) -> str:
-    """What was named, and the gaps."""
+    """Named effects and gaps."""
     lines: list[str] = []
     for row in rows:
         lines.append(f"model of {row['source']} ({', '.join(row['terms'])}), log {row['log']}")
@@ -101,12 +95,12 @@ def report(rows: Sequence[Row]) -> str:
         if row["payload"]:
             lines.append(f"  payload {row['payload'][0]:.2f} +- {row['payload'][1]:.2f} kg (2.8 kg on the flange)")
         ratio = np.array(row["after"]) / np.array(row["signed_refit"])
-        lines += [f"  gap after over that of a signed refit: {ratio.min():.2f} to {ratio.max():.2f}", ""]
+        lines += [f"  gap after, ratio to that of a signed refit: {ratio.min():.2f} to {ratio.max():.2f}", ""]
     return "\n".join(lines[:-1])
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Gaps of every joint before and after, beside the floor and a signed refit."""
+    """Gaps of each joint before and after, beside noise floor and signed refit."""
     from bayesid.studies.figures import COLOURS, MARKERS
 
     panels = figure.subplots(1, len(rows), squeeze=False)[0]
@@ -116,7 +110,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
             ax.semilogy(joints, row[name], marker, ms=5, color=colour, label=name.replace("_", " "))
         ax.set_title(f"model of {row['source']}, log {row['log']}", fontsize=9)
         ax.set_xlabel("joint")
-    panels[0].set_ylabel("gap on held-back stretches, N m")
+    panels[0].set_ylabel("gap in held-back blocks, N m")
     panels[0].legend(fontsize=8)
 
 

@@ -1,8 +1,8 @@
-"""The guard on real logs: what every log reaches with its signs hidden, beside the least that it may reach.
+"""Regression test on real logs: right signs, confidences and processor time of each log beside required values.
 
-`bayesid study real --floor` identifies all logs in $BAYESID_DATA without a posterior. The floors in `FLOORS` are what
-was reached when they were written, less a margin for other processors: raise them when results get better. A sample
-counts as in `bayesid.studies.real`.
+`bayesid study real --floor` identifies all logs in $BAYESID_DATA without a posterior. `FLOORS` are the results at the
+time of writing, with a margin for other processors: raise them when results improve. Samples count as in
+`bayesid.studies.real`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
@@ -30,14 +29,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Floor:
-    """The least that a log may reach.
+    """Required values of a log.
 
     Attributes:
-        right: share of the strong samples in motion whose sign is right.
-        worst_joint: the same in the joint where it is least.
-        sure_wrong: samples of confidence >= 0.99 with the wrong sign, at most, of all samples.
+        right: least share of right signs of the strong samples in motion.
+        worst_joint: the same for the worst joint.
+        sure_wrong: largest number of samples of confidence >= 0.99 with the wrong sign.
         proven: whether the search must prove its signs.
-        cpu: seconds of processor time, at most: three times what they were.
+        cpu: largest processor time, s: three times the time at writing.
     """
 
     right: float
@@ -67,7 +66,7 @@ FLOORS = {
     "ur10e/c_loaded": Floor(0.9969, 0.990, 2, True, 25.0),
     "ur10e/c_unloaded": Floor(0.9985, 0.992, 2, True, 20.0),
 }
-"""By log, those on which the search proves nothing among them: none may get worse unseen."""
+"""By log, including those that are not proven."""
 
 
 @dataclass(frozen=True)
@@ -87,16 +86,15 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
     """All logs, the slowest first.
 
     Raises:
-        InputError: the logs are not there.
+        InputError: the logs are missing.
     """
-    if not real.DATA.is_dir():
-        raise InputError("the real logs are not here", "$BAYESID_DATA", "set it to their folder: see docs/results.md")
+    data = str(real.data_folder())
     logs = sorted(FLOORS, key=lambda log: -FLOORS[log].cpu)
-    return [(Scenario(str(real.DATA), log), seed) for log in logs][:trials]
+    return [(Scenario(data, log), seed) for log in logs][:trials]
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """Identifies one log without its signs, and counts."""
+    """Identifies one log without its signs, and scores it."""
     path = Path(scenario.data) / f"{scenario.log}.csv"
     robot = next(path.with_name(name) for name in ("robot.toml", "robot.urdf") if path.with_name(name).is_file())
     log, began = read_log(path), _processor_time()
@@ -109,11 +107,8 @@ def _processor_time() -> float:
 
 
 def _counted(result: Identification, log: Log) -> Row:
-    rows = real.grid_rows(result, log.t)
-    moving = result.segments.per_sample(result.segments.moving, *result.probability.shape)[rows] > 0
-    right = result.sample_signs[rows] == np.sign(log.effort)
-    counted = real.is_strong(log.effort) & moving
-    confidence = np.maximum(result.probability, 1.0 - result.probability)[rows]
+    right, counted = real.right_signs(result, log)
+    confidence = np.maximum(result.probability, 1.0 - result.probability)[real.grid_rows(result, log.t)]
     joints = [right[counted[:, j], j].mean() for j in range(log.n_joints) if counted[:, j].any()]
     sure = confidence >= real.SURE
     return {
@@ -127,29 +122,32 @@ def _counted(result: Identification, log: Log) -> Row:
 
 
 def below(rows: Sequence[Row]) -> list[str]:
-    """Each figure that is worse than its floor, and each log that is missing."""
+    """Each figure that is worse than its floor, and each missing log."""
     found = {row["log"]: row for row in rows}
-    said = [f"{log}: no result" for log in FLOORS if log not in found]
+    texts = [f"{log}: no result" for log in FLOORS if log not in found]
     for log, floor in FLOORS.items():
         if log in found:
-            said += [f"{log}: {text}" for text in _below(found[log], floor)]
-    return said
+            texts += [f"{log}: {text}" for text in _below(found[log], floor)]
+    return texts
 
 
 def _below(row: Row, floor: Floor) -> list[str]:
     worst, cpu = min(row["joints"]), row["timings"]["cpu"]
     checks = [
-        (row["right"] < floor.right, f"{row['right']:.4%} right, floor {floor.right:.2%}"),
-        (worst < floor.worst_joint, f"worst joint {worst:.4%} right, floor {floor.worst_joint:.2%}"),
-        (row["sure_wrong"] > floor.sure_wrong, f"{row['sure_wrong']} sure and wrong, at most {floor.sure_wrong}"),
+        (row["right"] < floor.right, f"{100 * row['right']:.4f} % right, required {100 * floor.right:.2f} %"),
+        (worst < floor.worst_joint, f"worst joint {100 * worst:.4f} % right, required {100 * floor.worst_joint:.2f} %"),
+        (
+            row["sure_wrong"] > floor.sure_wrong,
+            f"{row['sure_wrong']} samples of confidence >= {real.SURE:g} are wrong, allowed {floor.sure_wrong}",
+        ),
         (floor.proven and not row["proven"], "not proven"),
-        (cpu > floor.cpu, f"{cpu:.0f} s of processor time, at most {floor.cpu:.0f}"),
+        (cpu > floor.cpu, f"{cpu:.0f} s of processor time, allowed {floor.cpu:.0f}"),
     ]
     return [text for failed, text in checks if failed]
 
 
 def report(rows: Sequence[Row]) -> str:
-    """A table, and what is below its floor."""
+    """A table, and figures below their floor."""
     lines = [f"{'log':<17}  right %  worst joint %  sure %  sure and wrong  proven  CPU s   (floors in brackets)"]
     for row in sorted(rows, key=lambda row: list(FLOORS).index(row["log"])):
         floor = FLOORS[row["log"]]
@@ -159,14 +157,12 @@ def report(rows: Sequence[Row]) -> str:
             f" {'yes' if row['proven'] else 'no':>4} ({'yes' if floor.proven else 'no'})"
             f" {row['timings']['cpu']:6.0f} ({floor.cpu:.0f})"
         )
-    said = below(rows)
-    return "\n".join(
-        [*lines, "", *(f"below its floor: {text}" for text in said), *(["no figure below its floor"] * (not said))]
-    )
+    texts = [f"below its floor: {text}" for text in below(rows)]
+    return "\n".join([*lines, "", *(texts or ["no figure below its floor"])])
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Share of right signs of each log, beside its floor."""
+    """Share of right signs of each log beside its floor."""
     ax = figure.subplots()
     ordered = sorted(rows, key=lambda row: row["right"])
     names = [row["log"] for row in ordered]

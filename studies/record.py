@@ -1,8 +1,7 @@
-"""The rows of a study on disk: rows.parquet, and beside it timings.parquet with what differs from run to run.
+"""Rows of a study on disk: rows.parquet, and timings.parquet with the values that differ from run to run.
 
-Both are replaced as a whole, written aside and renamed, so they can be read at any time, whatever happens. Rows are
-written as they come, but no more than one part in fifty of the time goes into writing: where trials take less than
-fifty times as long as writing all rows, the last few may be missing after the process was killed.
+Both are written under another name and then renamed, so they can be read at any time. Writing takes at most 2 % of the
+time: after a kill the last few rows of short trials may be missing.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ KEY = "trial"
 TIMINGS = "timings"
 _FILE = "rows.parquet"
 _SHARE = 50.0
-"""Time between two writings over the time that one takes: writing costs at most 2 % of a study."""
+"""Time between two writings over the time of one: writing takes at most 2 % of a study."""
 _REMEDY = "give `folder` a new folder"
 
 
@@ -38,12 +37,12 @@ class Record:
     """Rows by trial, on disk.
 
     Args:
-        folder: where the files stand.
-        marks: what all rows have in common, such as the study's name; kept in the files.
-        resume: whether rows that are there already are kept.
+        folder: of the files.
+        marks: what all rows have in common, such as the study's name; stored in the files.
+        resume: whether existing rows are kept.
 
     Raises:
-        InputError: rows are there and are not to be kept, or belong to something else, or nothing can be written.
+        InputError: the folder holds rows without `resume`, or of another study, or cannot be written.
     """
 
     def __init__(self, folder: Path, marks: Mapping[str, str], resume: bool) -> None:
@@ -56,27 +55,27 @@ class Record:
 
     @property
     def rows(self) -> Mapping[int, Row]:
-        """By trial."""
+        """Rows by trial."""
         return self._tables["rows"].rows
 
     def add(self, row: Row, timings: Row) -> None:
-        """Adds a row, and what belongs to it but differs from run to run.
+        """Adds a row and its timings.
 
         Raises:
-            MisfitError: it does not fit the columns of the others; nothing was added.
+            MisfitError: the row does not fit the columns of the others; nothing was added.
         """
         self._tables["rows"].add(row)
         self._tables[TIMINGS].add({KEY: row[KEY], **timings})
         self._pending = True
 
     def forget(self, trials: Sequence[int]) -> None:
-        """Takes rows out, to be had again."""
+        """Removes rows, so that their trials run again."""
         for table in self._tables.values():
             for trial in trials:
                 table.rows.pop(trial, None)
 
     def save(self, now: bool = False) -> None:
-        """Writes what has come, if it is time to, or now."""
+        """Writes new rows if the last writing was long enough ago, or `now`."""
         began = time.perf_counter()
         if not self._pending or (not now and began - self._written < _SHARE * self._took):
             return
@@ -89,12 +88,12 @@ class Record:
     def _take_over(self, resume: bool) -> None:
         rows, marks = _read(self._folder / _FILE)
         if not resume:
-            said, remedy = f"holds {len(rows)} rows of an earlier run", f"go on with it by `resume`, or {_REMEDY}"
-            raise InputError(said, str(self._folder / _FILE), remedy)
+            message, remedy = f"holds {len(rows)} rows of an earlier run", f"continue with `resume`, or {_REMEDY}"
+            raise InputError(message, str(self._folder / _FILE), remedy)
         for key, value in self._marks.items():
             if marks.get(key) != value:
-                said = f"holds rows of {key} {marks.get(key, 'unknown')}, not {value}"
-                raise InputError(said, str(self._folder / _FILE), _REMEDY)
+                message = f"holds rows of {key} {marks.get(key, 'unknown')}, not {value}"
+                raise InputError(message, str(self._folder / _FILE), _REMEDY)
         for name, table in self._tables.items():
             path = self._folder / f"{name}.parquet"
             for row in _read(path)[0] if path.exists() else []:
@@ -102,20 +101,20 @@ class Record:
 
 
 class _Table:
-    """Rows by trial, and the columns that hold them all."""
+    """Rows by trial, and columns that fit them all."""
 
     def __init__(self) -> None:
         self.rows: dict[int, Row] = {}
         self._schema = pa.schema([])
 
     def add(self, row: Row) -> None:
-        """A number may turn out not to be whole, and a list not to be empty: columns are widened."""
+        """Widens columns where needed: from integers to floats, from empty lists to lists of a type."""
         try:
             row_schema = pa.Table.from_pylist([row]).schema
             schema = pa.unify_schemas([self._schema, row_schema], promote_options="permissive")
             if schema == self._schema:
                 pa.Table.from_pylist([row], schema=schema)
-            else:  # wider columns must hold the other rows too, and a file must hold the columns
+            else:  # wider columns must fit the earlier rows too, and a file must fit the columns
                 content = pa.Table.from_pylist([*self.rows.values(), row], schema=schema)
                 parquet.write_table(content, pa.BufferOutputStream())
         except (pa.ArrowException, OverflowError, UnicodeError) as error:
@@ -126,7 +125,7 @@ class _Table:
     def write(self, path: Path, marks: Mapping[str, str]) -> None:
         ordered = [self.rows[trial] for trial in sorted(self.rows)]
         content = pa.Table.from_pylist(ordered, schema=self._schema.with_metadata(dict(marks)))
-        aside = path.with_name(f".{path.name}.part")  # that of a killed run is written over
+        aside = path.with_name(f".{path.name}.part")  # overwrites that of a killed run
         try:
             parquet.write_table(content, aside)
             aside.replace(path)
@@ -135,7 +134,7 @@ class _Table:
 
 
 def read_rows(folder: str | Path) -> list[Row]:
-    """The rows of a study, in the order of its trials, each with its timings under "timings".
+    """Rows of a study in the order of its trials, each with its timings under "timings".
 
     Raises:
         InputError: they cannot be read.
@@ -149,7 +148,7 @@ def read_rows(folder: str | Path) -> list[Row]:
 def _read(path: Path) -> tuple[list[Row], dict[str, str]]:
     """Rows and marks of a file."""
     try:
-        # neither by path, which opens the file twice, nor by threads, which may outlive the interpreter and abort it
+        # not by path, which opens the file twice; no threads, which may outlive the interpreter and abort it
         table = parquet.ParquetFile(pa.BufferReader(path.read_bytes())).read(use_threads=False)
         rows: list[Row] = table.to_pylist()
         marks = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}

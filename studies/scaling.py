@@ -1,6 +1,6 @@
-"""What does a larger robot or a longer log cost? Two to seven joints of the Panda, and six to 96 s of KR5 and UR10e.
+"""How long do a larger robot and a longer log take? 2 to 7 joints of the Panda, and 6 to 96 s of KR5 and UR10e.
 
-Work (cone problems, priced nodes) is the same in every run; seconds are those of the run.
+Counts of cone problems and nodes are reproducible; seconds depend on the machine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _STAGES = ("prepare", "search", "second opinion")
 
 
 def report(rows: Sequence[Row]) -> str:
-    """Segments, work and seconds by robot and length, and how they grow."""
+    """Segments, work and seconds by robot and length, and exponents of growth."""
     columns: dict[str, Callable[[Sequence[Row]], str]] = {
         "logs": lambda some: f"{len(some)}",
         "coefficients": lambda some: f"{some[0]['coefficients']}",
@@ -36,8 +36,8 @@ def report(rows: Sequence[Row]) -> str:
         "certified": lambda some: f"{np.mean([row['certified'] for row in some]):.0%}",
         "signs right": lambda some: f"{_median(some, 'right'):.2%}",
         "search, s": lambda some: f"{np.median([row['timings']['search'] for row in some]):.2f}",
-        "all, s": lambda some: f"{np.median([_seconds(row) for row in some]):.2f}",
-        "most, s": lambda some: f"{max(_seconds(row) for row in some):.1f}",
+        "total, s": lambda some: f"{np.median([_seconds(row) for row in some]):.2f}",
+        "longest, s": lambda some: f"{max(_seconds(row) for row in some):.1f}",
     }
     lines = [f"{len(rows)} logs; without the posterior", f"{'':<16}" + "".join(f"{name:>15}" for name in columns)]
     for scenario in SCENARIOS:
@@ -48,7 +48,7 @@ def report(rows: Sequence[Row]) -> str:
 
 
 def _growth(rows: Sequence[Row]) -> list[str]:
-    """Exponents: seconds over segments, within the lengths of a log."""
+    """Exponents of seconds over segments, over the lengths of a log."""
     lines = []
     for robot in LONG:
         some = [row for row in rows if row["robot"] == robot]
@@ -72,7 +72,7 @@ def _seconds(row: Row) -> float:
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Seconds over the number of segments, a point a log."""
+    """Seconds over the number of segments, one point per log."""
     from bayesid.studies.figures import COLOURS, MARKERS
 
     groups = {robot: [row for row in rows if row["robot"] == robot] for robot in LONG}

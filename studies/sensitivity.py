@@ -1,4 +1,4 @@
-"""Sensitivity studies: one thing about log or method is varied, on several robots; tables, figure, conclusion."""
+"""Sensitivity studies: one property of log or method is varied, on several robots; tables, figure, conclusion."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
 USUAL = Scenario()
 GOOD = 0.99
-"""Share of right signs that a user would call good."""
+"""Share of right signs that counts as good. Chosen; not measured."""
 CLOSE = 0.02
-"""Error of predicted efforts, over their RMS, that a user would call small."""
+"""Error of predicted efforts over their RMS that counts as small. Chosen; not measured."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """One setting of what is varied.
+    """One setting of the varied property.
 
     Attributes:
         label: in tables.
         x: in figures.
-        changes: of the scenario's fields.
+        changes: fields of the scenario and their values.
     """
 
     label: str
@@ -37,22 +37,22 @@ class Level:
     changes: Mapping[str, Any]
 
     def rows(self, rows: Sequence[Row], robot: str = "") -> list[Row]:
-        """Those of this level, and of one robot if it is named."""
-        wanted = {**self.changes, **({"robot": robot} if robot else {})}
-        return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
+        """Rows of this level, and of one robot if it is named."""
+        fields = {**self.changes, **({"robot": robot} if robot else {})}
+        return [row for row in rows if all(row[key] == value for key, value in fields.items())]
 
 
 @dataclass(frozen=True)
 class Varied:
-    """What is varied, and how it is shown.
+    """A varied property, and how it is shown.
 
     Attributes:
         label: of the axis.
         levels: in their order.
-        robots: on which.
+        robots: built-in names.
         log_x: whether the axis is logarithmic.
-        base: what is not varied.
-        extra: more columns of the table, pooled over robots: heading to a number from rows.
+        base: the scenario whose other fields are kept.
+        extra: more columns of the table, pooled over robots: heading to a cell from rows.
     """
 
     label: str
@@ -74,7 +74,7 @@ def of_field(name: str, values: Sequence[Any], form: str = "{:g}") -> list[Level
 
 
 def sensitivity(name: str, varied: Varied, trials: int) -> Study:
-    """The study of what is varied."""
+    """The study of a varied property."""
     return Study(
         name,
         trials,
@@ -89,11 +89,11 @@ def sensitivity(name: str, varied: Varied, trials: int) -> Study:
 # Tables
 # ---------------------------------------------------------------------------------------------------------------
 def report(varied: Varied, rows: Sequence[Row]) -> str:
-    """Signs and torques by level and robot, then what is pooled over robots, then the conclusion."""
+    """Signs and torques by level and robot, figures of all robots, conclusion."""
     parts = [
         f"{len(rows)} logs; {varied.label}",
-        _by_robot(varied, rows, "strong samples with the right sign: median (least) of the logs", _signs),
-        _by_robot(varied, rows, "error of efforts predicted for a new motion: median joint (worst one)", _torques),
+        _by_robot(varied, rows, "strong samples with the right sign: median (minimum) of the logs", _signs),
+        _by_robot(varied, rows, "error of efforts predicted for a new motion: median joint (worst joint)", _torques),
         _pooled(varied, rows),
         conclusion(varied, rows),
     ]
@@ -148,12 +148,12 @@ def _part(rows: Sequence[Row], key: str, of: str) -> str:
 
 
 def conclusion(varied: Varied, rows: Sequence[Row]) -> str:
-    """At which levels nine logs of ten have good signs, and good predictions, robot by robot."""
+    """Levels at which nine logs of ten have good signs, and good predictions, robot by robot."""
     signs = _levels(varied, rows, lambda some: np.quantile([row["right"] for row in some], 0.1) >= GOOD)
     efforts = _levels(varied, rows, lambda some: np.quantile([row["torque_error"] for row in some], 0.9) <= CLOSE)
     heads = (
-        f"at least {GOOD:.0%} of strong samples right, in nine of ten logs:",
-        f"efforts of a new motion within {CLOSE:.0%} (median joint), in nine of ten logs:",
+        f"at least {100 * GOOD:.0f} % of strong samples right, in nine of ten logs:",
+        f"efforts of a new motion within {100 * CLOSE:.0f} % (median joint), in nine of ten logs:",
     )
     return "\n".join([heads[0], *signs, heads[1], *efforts])
 
@@ -166,8 +166,8 @@ def _levels(varied: Varied, rows: Sequence[Row], good: Callable[[Sequence[Row]],
         passed = [label for label, some in tried if good(some)]
         missing = len(varied.levels) - len(tried)
         labels = "all" if len(passed) == len(varied.levels) else ", ".join(passed) or "none"
-        labels = f"{labels} ({missing} not tried)" if missing else labels
-        lines.append(f"  {robot}: {labels if tried else 'not tried'}")
+        labels = f"{labels} ({missing} not run)" if missing else labels
+        lines.append(f"  {robot}: {labels if tried else 'not run'}")
     return lines
 
 
@@ -191,7 +191,7 @@ posterior_columns = {
 # Figure
 # ---------------------------------------------------------------------------------------------------------------
 def draw(varied: Varied, rows: Sequence[Row], figure: Figure) -> None:
-    """Wrong signs, and errors of predicted efforts, over what is varied; a line a robot."""
+    """Wrong signs, and errors of predicted efforts, over the varied property; one line per robot."""
     from bayesid.studies.figures import error_axis, name_ticks, spreads, wrong_axis
 
     panels = figure.subplots(1, 2)

@@ -1,6 +1,6 @@
-"""One simulated log, identified without its signs and scored against the truth: what the sensitivity studies vary.
+"""One simulated log, identified without its signs and scored against the truth, for the sensitivity studies.
 
-Every seed has its own parameters, motion and noise. Budgets count work, not seconds, so rows can be had again.
+Every seed has its own parameters, motion and noise. Budgets count work, not seconds, so rows are reproducible.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ STRONG = 0.05
 RATE = 100.0
 """Hz."""
 PERIOD = 12.0
-"""s, of the longest motion that does not repeat: a longer one would be slower, not richer."""
+"""s, of the longest motion that does not repeat: a longer period would only slow its five harmonics."""
 _REACH = 2.0
-"""rad, on either side; as the two below the default of `MotionLimits`."""
+"""rad, to either side; like the next two the default of `MotionLimits`."""
 _VELOCITY = 3.0
 """rad/s"""
 _ACCELERATION = 15.0
 """rad/s^2"""
 _EVALUATIONS = 150
-"""For a motion that is good, if not the best: a study makes many."""
-_BUDGET = 3.0
-"""Nominal seconds of a search's proof. A round number; not studied."""
+"""Of the objective of an exciting motion; fewer than by default, since a study designs many. Chosen; not measured."""
+BUDGET = 3.0
+"""Nominal seconds of a search's proof: fewer proofs against a faster study. Chosen; not measured."""
 _KNOWN = 0.1
 """A coefficient counts as known when its sd is at most this share of its size."""
 _NEW = 1_000_000
-"""Added to the seed for the motion that no log has seen: more than any study has trials."""
+"""Added to the seed for the motion that is predicted: more than any study has trials."""
 _NEW_DURATION = 10.0
 """s, of that motion."""
 _RELATIVE_TO_LARGEST = 1e-3
-"""Share of the largest parameter from which a drawing's relative error counts; a parameter of 0 has one too."""
+"""Share of the largest parameter: the least size from which the error of a stated parameter is computed."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """How a log is made and identified; what a study does not vary is as here.
+    """How a log is made and identified.
 
     Attributes:
         robot: built-in name; with /k, its first k joints.
@@ -72,16 +72,15 @@ class Scenario:
         reach: share of the range of positions that the motion may use.
         speed: share of the highest speeds; accelerations take its square.
         encoder: sd of the positions' noise, rad.
-        cutoff: of the motion's low-pass, Hz; 0 leaves it to the data.
+        cutoff: of the motion's low-pass, Hz; 0 for the automatic choice.
         prominence: see `bayesid.Preprocessing`.
         threshold: see `bayesid.Preprocessing`.
         search: "certified" or "beam".
         beam_width: of a beam.
         initial_segments: of a beam.
         posterior: whether it is sampled.
-        prior_width: factor on a mass scale of 10 kg a link; 1 leaves the scales to robot and efforts.
-        nominal: relative error of link parameters given as known beforehand, each with this error as its standard
-            deviation; 0 for none.
+        prior_width: factor on a mass scale of 10 kg per link; 1 for the scales of robot and efforts.
+        nominal: relative error, and standard deviation, of stated link parameters; 0 for none.
     """
 
     robot: str = "kr5"
@@ -104,13 +103,13 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the log was made from.
+    """A log and its true parameters.
 
     Attributes:
         model: robot and terms.
-        theta: (P,) its parameters.
+        theta: (P,) true parameters.
         effort: (N, n) without noise, with its sign, N m.
-        log: what is identified.
+        log: to be identified.
     """
 
     model: Model
@@ -138,7 +137,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def make_truth(scenario: Scenario, seed: int) -> Truth:
-    """A log of random parameters and motion."""
+    """Simulates a log with random parameters and motion."""
     rng, robot = np.random.default_rng(seed), make_robot(scenario.robot)
     motion = _trajectory(scenario, robot, seed).motion(np.arange(round(scenario.duration * RATE) + 1) / RATE)
     model = Model(robot, make_terms(STANDARD, robot, motion))
@@ -179,7 +178,7 @@ def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajector
 
 def _search(scenario: Scenario) -> Search:
     beam = Beam(width=scenario.beam_width, initial_segments=scenario.initial_segments, budget=np.inf)
-    return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam)
+    return beam if scenario.search == "beam" else Certified(budget=BUDGET, fallback=beam)
 
 
 def _prior(scenario: Scenario, truth: Truth, seed: int) -> ParameterPrior:
@@ -190,7 +189,7 @@ def _prior(scenario: Scenario, truth: Truth, seed: int) -> ParameterPrior:
 
 
 def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]]:
-    """Link parameters as a drawing might give them, each off by about its standard deviation."""
+    """Stated link parameters and their standard deviations, with errors of that size."""
     if not error:
         return {}
     rng = np.random.default_rng([seed, 1])
@@ -245,7 +244,7 @@ def _of_model(truth: Truth, result: Identification, seed: int) -> Row:
 
 
 def torque_error(truth: Truth, result: Identification, seed: int) -> Array:
-    """(n,) relative RMS error of the efforts that the model predicts for a motion that no log has seen."""
+    """(n,) relative RMS error of the efforts that the model predicts for a new motion."""
     n = truth.model.robot.n_joints
     trajectory = random_trajectory(n, _NEW_DURATION, rng=seed + _NEW)
     motion: Motion = trajectory.motion(np.arange(0.0, _NEW_DURATION, 1.0 / RATE))

@@ -1,8 +1,7 @@
-"""What a study is, and how it is run: a pure function of scenario and seed, mapped over a plan, its rows on disk.
+"""Running a study: a pure function of scenario and seed, mapped over a plan; its rows are written to disk.
 
-The plan is the same for every number of trials, but for its length: `--resume` with more trials goes on with it. Rows
-hold nothing of the clock, so they are the same to the last digit however many workers there are, in whatever order they
-finish; what a trial says of the clock goes into a table of its own.
+A plan with more trials begins with the same trials, so `--resume` can extend a study. Rows contain no times: they are
+identical for any number of workers. Times go into a separate table.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 Scenario = Any
 """A frozen dataclass whose fields are numbers, texts, or tuples of these: they become columns."""
 Plan = Callable[[int, int], Sequence[tuple[Scenario, int]]]
-"""From a number of trials and a first seed to so many scenarios and seeds."""
+"""From a number of trials and a first seed to that many scenarios and seeds."""
 Tally = Callable[[int, int, int], None]
 """Called as tally(done, total, failed) after every batch."""
 SEED, ERROR, DIED = "seed", "error", "worker_died"
@@ -43,13 +42,13 @@ class Study:
 
     Attributes:
         name: as on the command line.
-        trials: how many, unless others are asked for.
-        plan: which scenarios and seeds.
-        trial: from a scenario and a seed to numbers by name, the same ones each time; under "timings", what it says
-            of the clock. A module-level function: it runs in other processes.
+        trials: default number.
+        plan: scenarios and seeds.
+        trial: from a scenario and a seed to results by name, always the same names; times under "timings". A
+            module-level function: it runs in other processes.
         report: from rows to tables and a conclusion.
         draw: draws rows into an empty figure.
-        short: from rows to a line for each figure that is worse than it may be.
+        short: from rows to one line per figure that misses its target.
     """
 
     name: str
@@ -63,11 +62,11 @@ class Study:
 
 @dataclass(frozen=True)
 class Finished:
-    """A study that was run to its end.
+    """A completed study.
 
     Attributes:
-        study: which one.
-        rows: one a trial: trial, seed, the scenario's fields, error, worker_died, the results, and `timings`.
+        study: the study.
+        rows: one per trial: trial, seed, the scenario's fields, error, worker_died, the results, and `timings`.
     """
 
     study: Study
@@ -75,29 +74,29 @@ class Finished:
 
     @property
     def failed(self) -> list[Row]:
-        """Rows of trials that raised an error; they have no results."""
+        """Rows of trials that raised an error, without results."""
         return [row for row in self.rows if row[ERROR]]
 
     @property
     def good(self) -> list[Row]:
-        """All other rows."""
+        """Rows with results."""
         return [row for row in self.rows if not row[ERROR]]
 
     @property
     def short(self) -> list[str]:
-        """A line for each figure that is worse than it may be."""
+        """One line per figure that misses its target."""
         return self.study.short(self.good)
 
     @property
     def report(self) -> str:
-        """Tables and conclusion, and which trials failed."""
+        """Tables, conclusion and failed trials."""
         text = self.study.report(self.good) if self.good else "no trial has a result"
         failed = [f"trial {row[KEY]} failed: {row[ERROR]}" for row in self.failed]
         return "\n".join([text, *failed])
 
 
 def in_turn(scenarios: Sequence[Scenario]) -> Plan:
-    """All scenarios with one seed, then all with the next: what is compared shares its seeds."""
+    """All scenarios with one seed, then all with the next: compared scenarios share their seeds."""
 
     def plan(trials: int, seed: int) -> list[tuple[Scenario, int]]:
         rounds = math.ceil(trials / len(scenarios))
@@ -107,7 +106,7 @@ def in_turn(scenarios: Sequence[Scenario]) -> Plan:
 
 
 def mixed(parts: Sequence[Sequence[Any]]) -> list[Any]:
-    """All items, those of each part in their order and evenly spread: a short run has some of every part."""
+    """All items, each part in its order and evenly spread, so that a short run has items of every part."""
     placed = [(k / len(part), item) for part in parts for k, item in enumerate(part)]
     return [item for _, item in sorted(placed, key=lambda pair: pair[0])]
 
@@ -123,28 +122,29 @@ def run_study(
     resume: bool = False,
     progress: Tally = lambda done, total, failed: None,
 ) -> Finished:
-    """Runs a study, or the rest of it.
+    """Runs a study, or its missing trials.
 
     Args:
-        study: which one; see `bayesid.studies.load`.
-        trials: how many; the study's own number by default.
+        study: the study; see `bayesid.studies.load`.
+        trials: number; the study's default if None.
         seed: of the first trials.
-        workers: processes on this machine; one a core by default, 0 for none but this one.
+        workers: processes on this machine; one per core by default, 0 for this process only.
         scheduler: address of a Dask scheduler, tcp://host:port, whose workers are used instead.
-        out: folder for rows.parquet and timings.parquet, written as they come; none by default.
-        resume: keep the rows that stand there. Trials whose workers died are tried again, other errors are results.
+        out: folder for rows.parquet and timings.parquet, updated during the run; none by default.
+        resume: keep the rows in `out`. Trials whose workers died run again; other errors are results.
         progress: called after every batch.
 
     Raises:
-        InputError: an option cannot be used, or rows of another run stand in the folder.
-        LostSchedulerError: the scheduler ended before the study; all rows that came stand in the folder.
-        KeyboardInterrupt: likewise, with a text that says so.
+        InputError: an option cannot be used, or the folder holds rows of another run.
+        LostSchedulerError: the scheduler ended before the study; the folder holds all finished rows.
+        KeyboardInterrupt: likewise; the message gives the number of rows.
     """
     trials = study.trials if trials is None else trials
     if trials < 1:
         raise InputError(f"{trials} trials", field="trials", remedy="give 1 or more")
     if not 0 <= seed <= _LARGEST_SEED:
-        raise InputError(f"{seed} is no seed", field="seed", remedy=f"give a whole number from 0 to {_LARGEST_SEED}")
+        remedy = f"give a whole number from 0 to {_LARGEST_SEED}"
+        raise InputError(f"{seed} cannot be a seed", field="seed", remedy=remedy)
     plan = study.plan(trials, seed)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()) if out is None else out)
@@ -154,11 +154,8 @@ def run_study(
             _run_rest(study, plan, record, workers, scheduler, progress)
         except (KeyboardInterrupt, LostSchedulerError) as stop:
             done = sum(k in record.rows for k in range(trials))
-            kept = (
-                f"{done} of {trials} trials stand in {folder}; `resume` goes on"
-                if out and done
-                else "nothing was written"
-            )
+            kept = f"{done} of {trials} trials are in {folder}; continue with `resume`"
+            kept = kept if out and done else "nothing was written"
             raise type(stop)("; ".join([*map(str, stop.args), kept])) from None
         finally:
             record.save(now=True)
@@ -166,8 +163,6 @@ def run_study(
 
 
 class _Task(NamedTuple):
-    """What a worker gets."""
-
     trial: Callable[[Scenario, int], Row]
     scenario: Scenario
     seed: int
@@ -201,46 +196,46 @@ def _run_rest(
 
 
 def _add(record: Record, k: int, scenario: Scenario, seed: int, outcome: Outcome) -> None:
-    """One row: the trial, its error, its results. Rows without results must not change the columns' order."""
+    """Adds one row: trial, error, results. Rows without results must not change the order of the columns."""
     head = {KEY: k, SEED: seed, **asdict(scenario), ERROR: outcome.error, DIED: outcome.died}
     value = dict(outcome.value or {})
     timings = {"seconds": outcome.seconds, "worker": outcome.worker, **value.pop(TIMINGS, {})}
     if twice := sorted(head.keys() & value.keys()):
-        raise ValueError(f"a result is named like a field of the scenario: {', '.join(twice)}")
+        raise ValueError(f"results and fields of the scenario share the names {', '.join(twice)}")
     try:
         record.add({**head, **value}, timings)
     except MisfitError as error:
-        record.add({**head, ERROR: f"the result cannot be kept: {error}"}, {"seconds": outcome.seconds})
+        record.add({**head, ERROR: f"the result cannot be stored: {error}"}, {"seconds": outcome.seconds})
 
 
 def _check_resumed(record: Record, plan: Sequence[tuple[Scenario, int]], folder: Path) -> None:
-    """The rows that are there belong to the trials of this plan, and those of dead workers are had again."""
+    """Checks that the rows belong to this plan; forgets those whose workers died."""
     for k, (scenario, seed) in enumerate(plan):
         if k in record.rows:
-            wanted = {SEED: seed, **asdict(scenario)}
-            changed = next((name for name, value in wanted.items() if record.rows[k].get(name) != _kept(value)), None)
+            planned = {SEED: seed, **asdict(scenario)}
+            changed = next((name for name, value in planned.items() if record.rows[k].get(name) != _kept(value)), None)
             if changed is not None:
-                said = f"holds rows of another run ({changed} of trial {k} was {record.rows[k].get(changed)!r})"
-                raise InputError(said, str(folder), "give the same `seed` (and `trials`), or `folder` a new folder")
+                message = f"holds rows of another run ({changed} of trial {k} was {record.rows[k].get(changed)!r})"
+                raise InputError(message, str(folder), "give the same `seed` (and `trials`), or `folder` a new folder")
     record.forget([k for k, row in record.rows.items() if row[DIED]])
 
 
 def _kept(value: Any) -> Any:
-    """A value as it comes back from a table."""
+    """A value as it is read back from a table."""
     return [_kept(item) for item in value] if isinstance(value, tuple) else value
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# The folder of a study that has ended: report.txt and figure.svg, beside its rows
+# Folder of a completed study: report.txt and figure.svg beside its rows
 # ---------------------------------------------------------------------------------------------------------------
 _FILES = {"rows.parquet", "timings.parquet", "report.txt", "figure.svg"}
 
 
 def check_results(folder: Path) -> None:
-    """Checks that a study may write there: nothing else is there.
+    """Checks that a folder is writable and holds nothing but results of a study.
 
     Raises:
-        InputError: something else is, or nothing can be written.
+        InputError: it holds other files, or cannot be written.
     """
     remedy = "give `folder` a new folder"
     if folder.exists() and not folder.is_dir():
@@ -262,7 +257,7 @@ def save_results(finished: Finished, folder: Path) -> str:
 
 
 def _save_figure(finished: Finished, path: Path) -> None:
-    """As the study draws it, written aside first and without a date."""
+    """Writes the figure, without a date."""
     from matplotlib import rc_context  # takes a second to import
     from matplotlib.figure import Figure
 

@@ -1,8 +1,8 @@
-"""Which threshold? How deep a minimum of |effort| must be to cut there, and which small efforts are dropped.
+"""Prominence and threshold: how deep a minimum of |effort| ends a segment, and which small efforts are dropped.
 
-The paper drops samples below a threshold and cuts where it does. bayesid keeps them and cuts at every prominent
-minimum: a cut too many costs a binary unknown, a cut too few samples of the wrong sign. Both are varied here, from the
-defaults (prominence 2 %, nothing dropped), with 10 % noise. In the figure the prominences stand left, the thresholds
+The paper drops samples below a threshold and ends segments there. bayesid keeps them and ends segments at every
+prominent minimum: an extra cut adds a binary unknown, a missing cut leaves samples with the wrong sign. Both are varied
+from the defaults (prominence 2 %, nothing dropped), with 10 % noise. The figure shows prominences left, thresholds
 right.
 """
 
@@ -24,7 +24,10 @@ LEVELS = [
 STUDY = sensitivity(
     "threshold",
     Varied(
-        "prominence that cuts, or effort under which samples are dropped", LEVELS, log_x=False, base=Scenario(noise=0.1)
+        "least prominence of a cut, or effort below which samples are dropped",
+        LEVELS,
+        log_x=False,
+        base=Scenario(noise=0.1),
     ),
     trials=220,
 )

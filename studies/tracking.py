@@ -1,12 +1,11 @@
-"""What does a tracker see of a robot that runs? Simulated streams with pushes, with changes, and with nothing at all.
+"""Which pushes and changes of a running robot does a tracker detect? Simulated streams.
 
 A robot with the standard friction and white noise of 3 % of each joint's RMS effort is identified from 20 s without
-signs; another random motion of a minute is then tracked, sample by sample, from |efforts| alone. Scenarios: nothing
-happens; single joints are pushed by 15 to 40 % of their effort's range for 0.2 s; a payload, more friction, or a lower
-gain comes after 10 s. The table gives signs that are right with and without a lag of 50 ms, alarms where nothing
-happens, pushes found, their joints and delays, changes that are named, and what an update costs, in microseconds and in
-additions of two arrays of seven numbers on the same machine. A push of twice the effort turns the effort round and
-leaves |effort| as it was: those whose |effort| changes by less than the threshold are counted apart, as unseen.
+signs. Then another random motion of one minute is tracked, sample by sample, from |effort|. Scenarios: no event; pushes
+of single joints by 15 to 40 % of their effort range for 0.2 s; a payload, more friction or another gain after 10 s. The
+report gives right signs with and without a lag of 50 ms, false alarms, detected pushes with joint and delay, changes
+named correctly, and the time of an update, in microseconds and in additions of two arrays of seven numbers. A push of
+twice the effort only changes its sign: pushes that change |effort| by less than the threshold are counted as unseen.
 """
 
 from __future__ import annotations
@@ -32,29 +31,27 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.figures import Figure
 from bayesid.studies.record import Row
-from bayesid.studies.simulated import STRONG, make_robot
+from bayesid.studies.simulated import BUDGET, STRONG, make_robot
 from bayesid.studies.study import Study, in_turn
 
 _RATE, _SECONDS, _LEARNED = 100.0, 60.0, 20.0
-"""Hz, and s of the stream and of the log that the robot is identified from."""
+"""Hz; s of the stream; s of the log from which the robot is identified."""
 _PERIOD = 20.0
 """s, of the motions."""
 _NOISE = 0.03
 """Of the efforts, relative to each joint's RMS effort."""
 _PUSH, _LENGTH = (0.15, 0.4), 0.2
-"""Sizes of pushes, as shares of the joint's effort range, and s that they last."""
+"""Sizes of pushes, as shares of the joint's largest effort; their length, s."""
 _APART = (1.5, 2.5)
 """s from push to push."""
 _CHANGED = 10.0
-"""s, when a change comes."""
+"""s, time of a change."""
 _LAG = 0.05
-"""s that is waited for signs."""
-_BUDGET = 3.0
-"""Nominal seconds of a search's proof, as in `bayesid.studies.simulated`."""
+"""s, delay of the smoothed signs."""
 _ANOTHER = 3_000_000
 """Added to the seed for the motion of the stream."""
-_SLACK = 0.25
-"""s after a push has begun in which an alarm is its own."""
+_WINDOW = 0.25
+"""s from the begin of a push in which an alarm belongs to it."""
 QUIET, PUSHES = "nothing", "pushes"
 KINDS = (PAYLOAD, FRICTION, GAIN)
 
@@ -65,7 +62,7 @@ class Scenario:
 
     Attributes:
         robot: built-in name.
-        happens: "nothing", "pushes", or a kind of change.
+        happens: the event: "nothing", "pushes", or a kind of change.
     """
 
     robot: str
@@ -78,7 +75,7 @@ SCENARIOS = [Scenario(robot, happens) for happens in (QUIET, PUSHES, *KINDS) for
 
 @dataclass(frozen=True)
 class _Stream:
-    """A motion, its efforts as they are and as they were without what happens, N m, and the pushes."""
+    """A motion, its efforts with and without the event, N m, and the pushes (time, joint, size)."""
 
     motion: Motion
     effort: Array
@@ -94,7 +91,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     model = Model(robot, make_terms(STANDARD, robot, learned))
     theta = random_parameters(model, rng=np.random.default_rng(seed))
     log = simulate(model, theta, learned, rng=rng, noise=_NOISE)
-    search = Certified(budget=_BUDGET)
+    search = Certified(budget=BUDGET)
     known = identify(robot, log, STANDARD, complete="off", search=search, posterior=False).identified
     time = np.arange(round(_SECONDS * _RATE)) / _RATE
     motion = random_trajectory(n, _PERIOD, rng=seed + _ANOTHER).motion(time)
@@ -113,7 +110,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def _with(happens: str, model: Model, theta: Array, motion: Motion, rng: np.random.Generator) -> _Stream:
-    """A stream in which something happens."""
+    """A stream with an event."""
     usual = model.effort(motion, theta)
     noise = _NOISE * np.sqrt((usual**2).mean(axis=0)) * rng.standard_normal(usual.shape)
     after = (motion.t >= _CHANGED)[:, None]
@@ -146,7 +143,7 @@ def _pushed(motion: Motion, usual: Array, rng: np.random.Generator) -> _Stream:
 
 
 def _tracked(known: IdentifiedModel, stream: _Stream, lag: float = 0.0) -> tuple[SignTracker, list[TrackedSample], Row]:
-    """The tracker, its records, and what they cost."""
+    """The tracker, its records, and the times of updates."""
     tracker, records, seconds = SignTracker(known, _RATE, lag), [], []
     for t, q, effort in zip(stream.motion.t, stream.motion.q, np.abs(stream.effort), strict=True):
         began = perf_counter()
@@ -154,7 +151,7 @@ def _tracked(known: IdentifiedModel, stream: _Stream, lag: float = 0.0) -> tuple
         seconds.append(perf_counter() - began)
     array, began = np.ones(7), perf_counter()
     for _ in range(20_000):
-        array + array  # what the machine takes for the least thing that can be done
+        array + array  # a unit of time that depends on the machine as updates do
     addition = (perf_counter() - began) / 20_000
     median, slow = np.percentile(seconds, [50.0, 99.9])
     costs = {"median_us": 1e6 * median, "slow_us": 1e6 * slow, "additions": median / addition}
@@ -162,7 +159,7 @@ def _tracked(known: IdentifiedModel, stream: _Stream, lag: float = 0.0) -> tuple
 
 
 def _right(records: Sequence[TrackedSample], stream: _Stream) -> float:
-    """Share of the strong samples in motion whose sign is right, by the model that was identified."""
+    """Share of the strong samples in motion whose sign is right."""
     at = np.searchsorted(stream.motion.t, [record.t - 1e-6 for record in records])
     strong: Mask = np.abs(stream.effort) >= STRONG * np.abs(stream.effort).max(axis=0)
     strong &= np.abs(stream.motion.dq) > stream.motion.standstill_speed
@@ -173,13 +170,13 @@ def _right(records: Sequence[TrackedSample], stream: _Stream) -> float:
 
 
 def _of_push(alarms: Sequence[Alarm], start: float) -> Alarm | None:
-    return next((one for one in alarms if one.kind == CONTACT and start <= one.time <= start + _SLACK), None)
+    return next((a for a in alarms if a.kind == CONTACT and start <= a.time <= start + _WINDOW), None)
 
 
 def _others(alarms: Sequence[Alarm], stream: _Stream, happens: str) -> int:
-    """Alarms of nothing: before a change, or of no push."""
-    own = [_of_push(alarms, start) for start, *_ in stream.pushes]
-    return sum(one not in own and not (happens in KINDS and one.raised >= _CHANGED) for one in alarms)
+    """False alarms: before a change, or without a push."""
+    of_pushes = [_of_push(alarms, start) for start, *_ in stream.pushes]
+    return sum(a not in of_pushes and not (happens in KINDS and a.raised >= _CHANGED) for a in alarms)
 
 
 def _pushes(alarms: Sequence[Alarm], records: Sequence[TrackedSample], stream: _Stream) -> Row:
@@ -189,7 +186,7 @@ def _pushes(alarms: Sequence[Alarm], records: Sequence[TrackedSample], stream: _
         during = slice(round(start * _RATE), round((start + _LENGTH) * _RATE))
         seen = np.abs(np.abs(stream.effort[during, joint]) - np.abs(stream.usual[during, joint]))
         if alarm is None:
-            unseen += bool(np.median(seen) < np.median([one.threshold[joint] for one in records[during]]))
+            unseen += bool(np.median(seen) < np.median([record.threshold[joint] for record in records[during]]))
         else:
             found, right = found + 1, right + (alarm.joint == joint + 1)
             delays.append(alarm.time - start)
@@ -197,24 +194,25 @@ def _pushes(alarms: Sequence[Alarm], records: Sequence[TrackedSample], stream: _
 
 
 def _change(alarms: Sequence[Alarm], happens: str) -> Row:
-    """What the first alarm after a change says, and how long after it."""
+    """Whether the first alarm after a change names it, and its delay, s."""
     if happens not in KINDS:
-        return {"named": None, "said_after": None}
-    changes = [one for one in alarms if one.kind != CONTACT and one.raised >= _CHANGED]
+        return {"named": None, "delay": None}
+    changes = [alarm for alarm in alarms if alarm.kind != CONTACT and alarm.raised >= _CHANGED]
     if not changes:
-        return {"named": False, "said_after": None}
-    return {"named": changes[0].kind == happens, "said_after": changes[0].raised - _CHANGED}
+        return {"named": False, "delay": None}
+    return {"named": changes[0].kind == happens, "delay": changes[0].raised - _CHANGED}
 
 
 def report(rows: Sequence[Row]) -> str:
-    """Signs, alarms and cost; pushes; changes."""
+    """Signs, alarms, pushes, changes and the time of an update."""
     quiet = [row for row in rows if row["happens"] == QUIET]
     pushed = [row for row in rows if row["happens"] == PUSHES]
-    lines = ["nothing happens"]
+    lines = ["no event"]
     if quiet:
         late = np.mean([row["right_late"] for row in quiet])
         lines.append(
-            f"  signs right {np.mean([row['right'] for row in quiet]):.2%}, with a lag of 50 ms {late:.2%}; "
+            f"  signs right {100 * np.mean([row['right'] for row in quiet]):.2f} %, "
+            f"with a lag of 50 ms {100 * late:.2f} %; "
             f"{sum(row['other_alarms'] for row in quiet)} alarms in {sum(row['seconds'] for row in quiet) / 60:.0f} min"
         )
     if pushed:
@@ -223,15 +221,15 @@ def report(rows: Sequence[Row]) -> str:
         delays = [delay for row in pushed for delay in row["delays"]]
         lines += [
             "pushes of 15 to 40 % of the range for 0.2 s",
-            f"  {found} of {total} found ({found / total:.1%}), {unseen} of the others leave |effort| as it was; "
-            f"the joint is right in {right / max(found, 1):.1%}",
+            f"  {found} of {total} found ({100 * found / total:.1f} %), {unseen} of the others do not change |effort|; "
+            f"joint right: {100 * right / max(found, 1):.1f} %",
             f"  median delay {1e3 * np.median(delays) if delays else np.nan:.0f} ms; "
             f"{sum(row['other_alarms'] for row in pushed)} other alarms",
         ]
-    lines.append("change      streams  named  said after  alarms before")
+    lines.append("change      streams  named       delay  alarms before")
     for kind in KINDS:
         some = [row for row in rows if row["happens"] == kind]
-        after = [row["said_after"] for row in some if row["said_after"] is not None]
+        after = [row["delay"] for row in some if row["delay"] is not None]
         if some:
             lines.append(
                 f"{kind:<12}{len(some):7d}{np.mean([row['named'] for row in some]):7.0%}"
@@ -244,19 +242,19 @@ def report(rows: Sequence[Row]) -> str:
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Delays of pushes, and of changes."""
+    """Delays of detected pushes and changes."""
     axes = figure.subplots(1, 2)
     delays = [1e3 * delay for row in rows for delay in row["delays"]]
     axes[0].hist(delays, bins=np.arange(0.0, 210.0, 10.0))
     axes[0].set_xlabel("delay of a push, ms")
     axes[0].set_ylabel("pushes")
     for place, kind in enumerate(KINDS):
-        some = [row for row in rows if row["happens"] == kind and row["said_after"] is not None]
+        some = [row for row in rows if row["happens"] == kind and row["delay"] is not None]
         for named, mark in ((True, "o"), (False, "x")):
-            after = [row["said_after"] for row in some if row["named"] == named]
+            after = [row["delay"] for row in some if row["named"] == named]
             axes[1].plot(np.full(len(after), place), after, mark, color=f"C{place}", alpha=0.6)
     axes[1].set_xticks(range(len(KINDS)), KINDS)
-    axes[1].set_ylabel("said after, s; crosses: another kind")
+    axes[1].set_ylabel("delay, s; crosses: wrong kind")
 
 
 STUDY = Study("tracking", 150, in_turn(SCENARIOS), trial, report, draw)

@@ -40,9 +40,8 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
-from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
-from bayesid.robot import Robot, load_robot
+from bayesid.robot import Robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -57,9 +56,11 @@ from bayesid.studies.benchmarks.peer_methods import (
     weighted_feasible,
 )
 from bayesid.studies.benchmarks.peer_packages import installed, packages
+from bayesid.studies.complete import half_of, read_part, robot_of
 from bayesid.studies.complete_report import geometric_mean
 from bayesid.studies.hidden import Case, Simulated, make_case
-from bayesid.studies.real import DATA, STRONG
+from bayesid.studies.real import DATA
+from bayesid.studies.simulated import STRONG
 
 PAIRS: tuple[tuple[str, str], ...] = (
     *permutations(("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded"), 2),
@@ -85,20 +86,9 @@ _SEEDS = 4
 # ---------------------------------------------------------------------------------------------------------------
 # Logs
 # ---------------------------------------------------------------------------------------------------------------
-def half_of(log: Log, which: int) -> Log:
-    """The first or the second half of a log."""
-    middle = len(log) // 2
-    rows = slice(0, middle) if which == 1 else slice(middle, len(log))
-    dq = None if log.dq is None else log.dq[rows]
-    return replace(log, t=log.t[rows], q=log.q[rows], effort=log.effort[rows], dq=dq, pieces=())
-
-
 def read(data: Path, name: str) -> tuple[Robot, Log]:
-    """A robot and its log, or half of that: robot/log, or robot/log:1."""
-    place, _, half = name.partition(":")
-    path = data / f"{place}.csv"
-    log = read_log(path)
-    return load_robot(next(path.parent.glob("robot.*"))), half_of(log, int(half)) if half else log
+    """A robot and its log, or half of it: robot/log, or robot/log:1."""
+    return robot_of(data, name), read_part(data, name)
 
 
 # ---------------------------------------------------------------------------------------------------------------

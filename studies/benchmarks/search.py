@@ -55,8 +55,9 @@ from bayesid.studies.benchmarks.problems import (
 )
 from bayesid.studies.benchmarks.scip import against_scip, scip_installed
 from bayesid.studies.pbpr import AnnealedLeastSquares, Annealing, feasible_inertia, make_bounds, total_mass
-from bayesid.studies.real import DATA, LOGS, STRONG
+from bayesid.studies.real import DATA, LOGS
 from bayesid.studies.record import Row
+from bayesid.studies.simulated import STRONG
 
 _QUICK = Annealing(runs=4, evaluations=20, growth=1e4)
 """Enough for two joints (docs/pbpr.md)."""

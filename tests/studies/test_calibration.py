@@ -16,7 +16,7 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import exciting_trajectory
 from bayesid.studies.calibration import CLASSES, bins, trial
-from bayesid.studies.calibration_report import EDGES, at_least, calibration_error, coverage, modesty, quantiles
+from bayesid.studies.calibration_report import EDGES, at_least, calibration_error, coverage, quantiles, underconfidence
 from bayesid.studies.hidden import make_case
 
 KINDS = {kind.name: kind for kind in CLASSES}
@@ -56,7 +56,7 @@ def test_bins_count_what_is_right_and_what_was_claimed():
     assert at_least(found, 0.999) == (2, 1)
     assert at_least(found, 0.95) == (4, 2)
     other = bins(np.array([0.8, 0.9]), np.array([True, True]))
-    less, error = modesty([{"samples": found.tolist()}, {"samples": other}], "samples")
+    less, error = underconfidence([{"samples": found.tolist()}, {"samples": other}], "samples")
     assert less == pytest.approx((3.0 - 5.004 + 2.0 - 1.7) / 8.0)
     left = np.array([-2.004 - 6 * less, 0.3 - 2 * less])  # what each log's sum is off the common mean
     assert error == pytest.approx(np.sqrt(2.0 * np.sum(left**2)) / 8.0)

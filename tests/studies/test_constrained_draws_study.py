@@ -8,7 +8,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.regression.stated import constraints_of
 from bayesid.simulation.parameters import random_parameters
-from bayesid.studies.constrained_draws import FORMS, agrees, normal_equations
+from bayesid.studies.constrained_draws import FORMS, agrees, moments
 
 
 def walks(seed, scale=3.0):
@@ -23,7 +23,7 @@ def walks(seed, scale=3.0):
 
 def test_errors_are_those_of_many_runs_of_correlated_walkers():
     """Kept: the upper part, of which mean and sd are those of half a normal distribution."""
-    found = [normal_equations(draws, draws[..., 0] > 5.0) for draws in map(walks, range(60))]
+    found = [moments(draws, draws[..., 0] > 5.0) for draws in map(walks, range(60))]
     mean, sd = (np.array([getattr(one, key)[0] for one in found]) for key in ("mean", "sd"))
     assert np.mean(mean) == pytest.approx(5.0 + 3.0 * np.sqrt(2.0 / np.pi), abs=0.05)
     assert np.mean(sd) == pytest.approx(3.0 * np.sqrt(1.0 - 2.0 / np.pi), abs=0.05)

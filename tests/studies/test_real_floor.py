@@ -34,9 +34,9 @@ def test_each_figure_below_its_floor_is_said(floors):
     other = row("arm/b", 0.95, proven=False)
     assert below([row(), other]) == []
     for worse, word in (
-        ({"right": 0.9979}, "99.7900% right"),
+        ({"right": 0.9979}, "99.7900 % right"),
         ({"joints": (1.0, 0.97)}, "worst joint"),
-        ({"sure_wrong": 3}, "3 sure and wrong"),
+        ({"sure_wrong": 3}, "3 samples"),
         ({"proven": False}, "not proven"),
         ({"cpu": 31.0}, "31 s"),
     ):

@@ -41,5 +41,5 @@ def test_the_conclusion_names_the_levels_that_are_good_and_those_that_were_not_t
     assert lines[4:6] == ["  kr5: 2%", "  tx40: 2%"]
     some = [row | {"torque_error": 0.03} for row in rows if row["robot"] == "kr5" and row["noise"] < 0.1]
     lines = conclusion(varied, some).splitlines()
-    assert lines[1:3] == ["  kr5: 2%, 5% (4 not tried)", "  tx40: not tried"]
-    assert lines[4:6] == ["  kr5: none (4 not tried)", "  tx40: not tried"]
+    assert lines[1:3] == ["  kr5: 2%, 5% (4 not run)", "  tx40: not run"]
+    assert lines[4:6] == ["  kr5: none (4 not run)", "  tx40: not run"]

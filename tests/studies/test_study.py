@@ -29,7 +29,7 @@ from toy_study import (
 from bayesid import cli, studies
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
-from bayesid.studies import constraints, load, real, real_discrepancy
+from bayesid.studies import load, real
 from bayesid.studies import study as machinery
 from bayesid.studies.record import read_rows
 from bayesid.studies.study import in_turn, run_study
@@ -38,7 +38,7 @@ from bayesid.study.runner import Outcome
 
 FAILED = 5
 """Number of the trial that fails."""
-REAL = {"constraints": constraints, "real": real, "real_discrepancy": real_discrepancy}
+REAL = ("constraints", "real", "real_discrepancy")
 FIELDS = "trial seed name level window error worker_died draws sum grows absent positive empty timings"
 
 
@@ -258,7 +258,7 @@ def test_ctrl_c_ends_the_command(undisturbed, tmp_path):
         rows = read_rows(folder)
         assert 0 < len(rows) < 12
         assert (client.returncode, out) == (130, "")
-        assert err == f"bayesid: interrupted; {len(rows)} of 12 trials stand in {folder}; --resume goes on\n"
+        assert err == f"bayesid: interrupted; {len(rows)} of 12 trials are in {folder}; continue with --resume\n"
         assert not any(alive(pid) for pid, _ in marks_in(marks))
     gate(marks, GATES[0]).unlink()
     run_study(toy_study(marks), workers=0, out=folder, resume=True)
@@ -300,7 +300,7 @@ def test_every_study_can_be_planned_and_sent():
 
 @pytest.mark.parametrize("name", REAL)
 def test_without_real_logs_a_study_of_them_names_the_variable_of_their_folder(name, monkeypatch, tmp_path):
-    monkeypatch.setattr(REAL[name], "DATA", tmp_path / "nowhere")
+    monkeypatch.setattr(real, "DATA", tmp_path / "nowhere")
     with pytest.raises(InputError) as error:
         load(name).plan(5, 0)
     assert "$BAYESID_DATA" in in_options(str(error.value))
