@@ -11,7 +11,7 @@ from bayesid.effects.model import Model
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.sign_solution import settle_signs
+from bayesid.signs.sign_solution import find_signs
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -79,4 +79,4 @@ def settle(robot, log, terms, search=None, earlier=None):
     signals = prepare(log)
     model = Model(robot, make_terms(terms, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion))
-    return settle_signs(model, signals, segments, search or Certified(budget=BUDGET), earlier=earlier)
+    return find_signs(model, signals, segments, search or Certified(budget=BUDGET), earlier=earlier)

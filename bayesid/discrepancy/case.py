@@ -27,7 +27,7 @@ from bayesid.regression.selection.modelled_log import Extension, ModelledLog
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.sign_solution import SignSolution, restored, settle_signs
+from bayesid.signs.sign_solution import SignSolution, find_signs, restored
 from bayesid.signs.smoothing import sign_probabilities
 
 REPEATED, MODELS_RESIDUAL = "repeated periods", "earlier model's residual"
@@ -391,7 +391,7 @@ class Case:
         if model is None or floor.sharp.all():
             return None
         segments = find_segments(signals, self.trial.actuators)
-        return settle_signs(model, signals, segments, self.search)
+        return find_signs(model, signals, segments, self.search)
 
     def refitted(self, extension: Extension, predicted: Array) -> Extension:
         """The extended model with feasible parameters, from the samples that select and what was known before."""

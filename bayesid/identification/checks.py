@@ -75,12 +75,12 @@ def warnings_of(
         *_of_the_log(log, averaged),
         *_of_the_length(averaged),
         *_of_the_fit(averaged.fit, hidden=not log.signed.all()),
-        *_of_the_excitation(averaged.fit, averaged.asked.log_data),
+        *_of_the_excitation(averaged.fit, averaged.requested.log_data),
         *([] if nominal is None or not _of_links(nominal, log.n_joints) else on_edge(averaged.fit, log.n_joints)),
         *_of_the_signs(averaged, model_error_probability),
         *([] if posterior is None else _of_the_posterior(posterior)),
         *([] if gains is None else _of_the_gains(gains)),
-        *([] if nominal is None else _contradicted(averaged.asked.log_data, averaged.fit, nominal)),
+        *([] if nominal is None else _contradicted(averaged.requested.log_data, averaged.fit, nominal)),
     )
     return tuple(str(check) for check in checks if check.state != "good")
 
@@ -236,8 +236,8 @@ def _remark(message: str, remedy: str = "") -> Check:
 
 
 def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
-    signals = averaged.asked.log_data.signals
-    yield from map(_remark, (*averaged.asked.model.robot.notes, *log.notes, *map(str, signals.faults)))
+    signals = averaged.requested.log_data.signals
+    yield from map(_remark, (*averaged.requested.model.robot.notes, *log.notes, *map(str, signals.faults)))
     for j in np.flatnonzero(still_joints(signals.motion.q)):
         start, end = signals.motion.t[[0, -1]]
         message = f"joint {j + 1} stands still in the whole log, {start:.3f} to {end:.3f} s"
@@ -258,7 +258,7 @@ def independent_instants(signals: Signals) -> int:
 
 
 def _of_the_length(averaged: AveragedSigns) -> Iterator[Check]:
-    independent, count = independent_instants(averaged.asked.log_data.signals), len(averaged.fit.sd)
+    independent, count = independent_instants(averaged.requested.log_data.signals), len(averaged.fit.sd)
     if independent < count:
         message = f"the log is too short: {independent} independent samples per joint for {count} coefficients"
         yield _remark(message, "record a longer log, or join several")
@@ -309,8 +309,8 @@ def _of_the_signs(averaged: AveragedSigns, model_error_probability: Array) -> It
         yield _remark(f"predicted effort: {segments} zero after {signs.rounds} searches")
     if fit.tolerance > TUNING.solver_gap:
         yield _remark(f"relative gap of the final fit: {fit.tolerance:g}, at most {TUNING.solver_gap:g} is expected")
-    if not averaged.by_asked:
-        known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
+    if not averaged.by_requested:
+        known = {(effect.name, effect.joints) for effect in averaged.requested.model.effects}
         added = [effect for effect in averaged.sign_solution.model.effects if (effect.name, effect.joints) not in known]
         missing = ", ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in added)
         message = f"the model lacks {missing}: these terms explain the log far better, and signs were found with them"
@@ -327,9 +327,9 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
         yield active_bounds(dict(posterior.active_bounds))
     if posterior.active_constraints:
         yield active_constraints(posterior.active_constraints)
-    weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
-    if asked > len(weights):
-        yield _remark(f"the posterior has no mode {asked} (number of modes: {len(weights)}); the heaviest is written")
+    weights, number = [mode.weight for mode in posterior.modes], posterior.sampling.mode
+    if number > len(weights):
+        yield _remark(f"the posterior has no mode {number} (number of modes: {len(weights)}); the heaviest is written")
     else:
         yield modes(weights, [posterior.turned_joints(k) for k in range(len(weights))], posterior.chosen)
     if posterior.posterior_conflict is not None and posterior.posterior_conflict > TUNING.posterior_conflict:

@@ -164,7 +164,7 @@ class UnknownGains:
         self._keep(fit, log_data, noise)
         return False
 
-    def settle(self, log_data: LogData, noise: Noise, probability: Array) -> None:
+    def estimate(self, log_data: LogData, noise: Noise, probability: Array) -> None:
         """Estimates the gains under the result's model without rescaling the log; arguments as for `moved`."""
         if self._prior is not None:
             self._keep(self._fit(self._prior, log_data, noise, probability), log_data, noise)

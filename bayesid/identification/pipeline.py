@@ -53,14 +53,14 @@ from bayesid.regression.log_data import LogData
 from bayesid.regression.prices import constraint_prices
 from bayesid.regression.stated import Says, constraints_of
 from bayesid.robot import Robot, check_joints, load_robot
-from bayesid.signs.after_rectifier import settle_unfiltered
+from bayesid.signs.after_rectifier import find_unfiltered_signs
 from bayesid.signs.averaging import AveragedSigns, average_over_models, model_error_probabilities, tempered_by_outliers
 from bayesid.signs.model_selection import CompletedSigns, Completing
 from bayesid.signs.model_selection import complete as complete_model
 from bayesid.signs.rounds import SegmentSigns
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import OneBudget, Search
-from bayesid.signs.sign_solution import Earlier, SignSolution, fitted_to, restored, settle_signs
+from bayesid.signs.sign_solution import Earlier, SignSolution, find_signs, fitted_to, restored
 
 QUICK = Certified(budget=TUNING.quick_budget)
 """Sign search for a log of a robot with an earlier identification."""
@@ -148,42 +148,42 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     plain = True
     while True:  # until gains and signs converge, first with the given terms, then with the completed model
         search = run.budget()  # each change of gains needs a new proof
-        asked, found = settle_unfiltered(model, signals, segments, search, preprocessing.segmentation, progress)
+        requested, found = find_unfiltered_signs(model, signals, segments, search, preprocessing.segmentation, progress)
         run.lap("search")
-        plain = plain and gains.moved(asked.log_data, asked.fit.noise, asked.mixed)
+        plain = plain and gains.moved(requested.log_data, requested.fit.noise, requested.mixed)
         if plain:
             signals, segments = _cut(run, model, gains.log)
             continue
-        completed = _completed(run, asked, found, search, completing)
-        if not gains.moved(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed):
+        completed = _completed(run, requested, found, search, completing)
+        if not gains.moved(completed.averaged.requested.log_data, requested.fit.noise, completed.averaged.mixed):
             break
         signals, segments = _cut(run, model, gains.log)
-    completed, result = _by_posterior(run, log, asked, completed, gains)
+    completed, result = _by_posterior(run, log, requested, completed, gains)
     if _flipped(result):  # select effects again, with the signs of the posterior
-        search, begun = run.budget(), replace(asked, probability=result.probability)
-        asked = settle_signs(model, asked.log_data.signals, found, search, progress, begun=begun)
+        search, begun = run.budget(), replace(requested, probability=result.probability)
+        requested = find_signs(model, requested.log_data.signals, found, search, progress, begun=begun)
         run.lap("search")
-        completed = _completed(run, asked, found, search, completing)
-        gains.settle(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed)
-        completed, result = _by_posterior(run, log, asked, completed, gains)
-    return replace(result, signals=asked.log_data.signals, model_selection=completed.model_selection)
+        completed = _completed(run, requested, found, search, completing)
+        gains.estimate(completed.averaged.requested.log_data, requested.fit.noise, completed.averaged.mixed)
+        completed, result = _by_posterior(run, log, requested, completed, gains)
+    return replace(result, signals=requested.log_data.signals, model_selection=completed.model_selection)
 
 
 def _completed(
-    run: _Run, asked: SignSolution, segments: Segments, search: Search, completing: Completing | None
+    run: _Run, requested: SignSolution, segments: Segments, search: Search, completing: Completing | None
 ) -> CompletedSigns:
     """Averages signs over alternative models, then adds detected effects unless `completing` is None."""
-    averaged = average_over_models(asked, segments, search, run.progress)
+    averaged = average_over_models(requested, segments, search, run.progress)
     run.lap("second opinion")
     if completing is None:
-        return CompletedSigns(asked.model, averaged, None)
+        return CompletedSigns(requested.model, averaged, None)
     completed = complete_model(averaged, segments, search, completing, run.progress)
     run.lap("complete")
     return completed
 
 
 def _by_posterior(
-    run: _Run, log: Log, asked: SignSolution, completed: CompletedSigns, gains: UnknownGains
+    run: _Run, log: Log, requested: SignSolution, completed: CompletedSigns, gains: UnknownGains
 ) -> tuple[CompletedSigns, Identification]:
     """The result, without detected effects whose parameters are consistent with zero under the posterior."""
     while True:
@@ -194,7 +194,7 @@ def _by_posterior(
             return completed, _identification(run, log, completed.signals, completed.model, sampled, gains)
         completed = completed.without(doubtful)
         run.lap("complete")
-        gains.settle(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed)
+        gains.estimate(completed.averaged.requested.log_data, requested.fit.noise, completed.averaged.mixed)
         run.lap("gains")
 
 
@@ -247,14 +247,14 @@ def identify_again(
     if earlier is None:
         size = len(base_coefficients(rows))
         earlier = CoefficientPrior(rows, theta, np.zeros((size, size)))
-    asked, segments = settle_unfiltered(
+    requested, segments = find_unfiltered_signs(
         rows, signals, segments, run.budget(), preprocessing.segmentation, progress, Earlier(earlier, theta)
     )
     run.lap("search")
-    signals, averaged, model_selection = asked.log_data.signals, AveragedSigns.alone(asked), None
+    signals, averaged, model_selection = requested.log_data.signals, AveragedSigns.alone(requested), None
     shown = as_read if signals.after_rectifier is None else signals
     if knowledge is None:
-        averaged = AveragedSigns.alone(replace(asked, log_data=replace(asked.log_data, information=None)))
+        averaged = AveragedSigns.alone(replace(requested, log_data=replace(requested.log_data, information=None)))
         completing = Completing(False, kinematic_tolerance(run.prior), preprocessing.segmentation)
         completed = complete_model(averaged, segments, run.budget(), completing, progress)
         averaged, signals, model_selection = completed.averaged, completed.signals, completed.model_selection
@@ -323,7 +323,7 @@ class _Run:
         return self.posterior
 
     @property
-    def asked(self) -> dict[str, object]:
+    def options(self) -> dict[str, object]:
         """All options by name, as plain values."""
         objects = {"search": self.search, "posterior": self.sampling, "preprocessing": self.preprocessing}
         return plain_options({**self.subject, **objects, "prior": self.prior})
@@ -428,15 +428,15 @@ def _identification(
     seen, spread, known = hashes(log), *((None, None) if gains is None else (gains.fit, gains.identified))
     log = log if gains is None else gains.log
     averaged, posterior, probability = sampled
-    sign_solution, asked = averaged.sign_solution, averaged.asked
+    sign_solution, requested = averaged.sign_solution, averaged.requested
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
     with run.progress.stage("input diagnosis"):
-        reading = misread_after(asked.log_data, averaged.fit, probability)
+        reading = misread_after(requested.log_data, averaged.fit, probability)
     if run.misread is not None and (reading is None or run.misread.log10_odds > reading.log10_odds):
         reading = run.misread
     run.lap("other readings")
-    for used in (asked.model, sign_solution.model):
+    for used in (requested.model, sign_solution.model):
         used.forget()
     model_error_probability = model_error_probabilities(sign_solution)
     probability = tempered_by_outliers(
@@ -446,15 +446,15 @@ def _identification(
     probability = (1.0 - unlisted) * probability + 0.5 * unlisted
     segments = sign_solution.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
-    identified, fit = identified_model(model, asked.log_data, averaged.fit, posterior, spread), averaged.fit
+    identified, fit = identified_model(model, requested.log_data, averaged.fit, posterior, spread), averaged.fit
     if spread is not None:
-        fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.log_data))
-    prices = constraint_prices(asked.log_data, averaged.fit, 2.0 * probability - 1.0)
+        fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, requested.log_data))
+    prices = constraint_prices(requested.log_data, averaged.fit, 2.0 * probability - 1.0)
     return Identification(
         **vars(
             replace(identified, gains=known, logs=seen | hashes(log), encoding=log.encoding, read_with=log.read_with)
         ),
-        coefficients=asked.log_data.coefficients,
+        coefficients=requested.log_data.coefficients,
         log=log,
         signals=signals,
         segments=segments,
@@ -480,12 +480,12 @@ def _identification(
                 posterior,
                 reading,
                 known,
-                nominal_parameters(run.prior, asked.model.parameters),
+                nominal_parameters(run.prior, requested.model.parameters),
             ),
             *map(str, contradicted_constraints(prices)),
         ),
         prior=run.prior,
-        provenance=record_provenance(run.asked, log, run.call),
+        provenance=record_provenance(run.options, log, run.call),
         better_reading=reading,
         constraints=prices,
     )
@@ -498,7 +498,7 @@ def _sampled(run: _Run, averaged: AveragedSigns) -> _Sampled:
     run.lap("posterior")
     averaged = replace(averaged, fit=fit_of_mode(averaged, posterior))
     probability = averaged.mixed
-    if averaged.by_asked:
+    if averaged.by_requested:
         probability = average_over_draws(averaged, posterior, run.progress)
     run.lap("smooth")
     return averaged, posterior, probability

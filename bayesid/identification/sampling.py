@@ -29,18 +29,18 @@ from bayesid.signs.smoothing import sign_probabilities
 
 def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, progress: Progress) -> Posterior:
     """Posterior of the given model; unknown signs are summed out unless another model determined them."""
-    log_data, sign_solution, fit = averaged.asked.log_data, averaged.sign_solution, averaged.fit
+    log_data, sign_solution, fit = averaged.requested.log_data, averaged.sign_solution, averaged.fit
     search = sign_solution.signs.search
     segments = _inner(sign_solution.signs.segments[sign_solution.signs.segments.fitted], log_data.signals)
     orientation = segments.per_sample(search.signs, *sign_solution.probability.shape)
-    known = segments.known if averaged.by_asked else search.signs
+    known = segments.known if averaged.by_requested else search.signs
     pieces, segment = divide(segments, fit.noise.autocorrelation)
     expected = 2.0 * sign_solution.probability - 1.0
     normal_equations = log_data.normal_equations(
         expected, pieces, TUNING.pointwise_blocks, orientation, summed_out=False
     )
     blocks = SegmentBlocks(replace(normal_equations, known=known[segment]), segment, pieces.start, pieces.end)
-    if not averaged.by_asked or log_data.information is not None:
+    if not averaged.by_requested or log_data.information is not None:
         search = replace(search, theta=fit.theta, branches=(), persistent=None)
     problem = PosteriorProblem(
         blocks=blocks,
@@ -73,7 +73,7 @@ def _inner(segments: Segments, signals: Signals) -> Segments:
 
 def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: Progress) -> Array:
     """(N, n) P(sign = +) of every sample, averaged over draws of each mode and then over modes by weight."""
-    log_data = averaged.asked.log_data
+    log_data = averaged.requested.log_data
     signals = log_data.signals
     known = log_data.moving & signals.inner  # accelerations at both ends are uncertain
     probability = np.zeros(known.shape)
@@ -82,7 +82,7 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
             sampled.draws.spread(TUNING.smoothed_draws if sampled.weight > 0.5 else TUNING.smoothed_draws_light)
         )
         predicted = log_data.model.effort(signals.motion, draws.T)
-        noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
+        noise = averaged.requested.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
         with progress.stage("signs of samples") as steps:
             probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
     return probability
@@ -90,15 +90,15 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
 
 def fit_of_mode(averaged: AveragedSigns, posterior: Posterior) -> Fit:
     """Least squares with the signs of the chosen mode; the fit of the search unless the mode flips a joint."""
-    log_data = averaged.asked.log_data
-    if not averaged.by_asked or not posterior.turned_joints(
+    log_data = averaged.requested.log_data
+    if not averaged.by_requested or not posterior.turned_joints(
         posterior.chosen, averaged.sign_solution.signs.search.signs
     ):
         return averaged.fit
     signals, draws = log_data.signals, posterior.modes[posterior.chosen].draws
     predicted = log_data.model.effort(signals.motion, draws.theta.mean(axis=(0, 1, 2)))
     known = log_data.moving & signals.inner
-    noise = averaged.asked.fit.noise
+    noise = averaged.requested.fit.noise
     return fit_signed(log_data, 2.0 * sign_probabilities(signals, predicted, known, noise) - 1.0)
 
 

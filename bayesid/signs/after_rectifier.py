@@ -25,11 +25,11 @@ from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.noise import autocovariance
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.sign_solution import Earlier, SignSolution, settle_signs, solution_again
+from bayesid.signs.sign_solution import Earlier, SignSolution, find_signs, solution_again
 from bayesid.signs.tuning import TUNING
 
 
-def settle_unfiltered(
+def find_unfiltered_signs(
     model: Model,
     signals: Signals,
     segments: Segments,
@@ -38,7 +38,7 @@ def settle_unfiltered(
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
 ) -> tuple[SignSolution, Segments]:
-    """`settle_signs`, repeated on corrected efforts if a low-pass after the rectifier is found.
+    """`find_signs`, repeated on corrected efforts if a low-pass after the rectifier is found.
 
     Returns:
         The signs, whose log data hold the corrected signals, and the segments before any search.
@@ -46,7 +46,7 @@ def settle_unfiltered(
     Raises:
         SolverError: an optimisation failed.
     """
-    sign_solution = settle_signs(model, signals, segments, search, progress, earlier)
+    sign_solution = find_signs(model, signals, segments, search, progress, earlier)
     if find_low_pass(sign_solution) is None:
         return sign_solution, segments
     fitted = partial(_fitted, sign_solution, sign_solution.log_data.columns)
@@ -58,7 +58,7 @@ def settle_unfiltered(
     sign_solution = solution_again(sign_solution, freed(sign_solution, low_pass, predicted), predicted)
     signals = freed(sign_solution, low_pass, sign_solution.predicted)
     segments = find_segments(signals, model.robot.actuators(signals.motion), segmentation)
-    return settle_signs(model, signals, segments, search, progress.under("unfiltered"), earlier), segments
+    return find_signs(model, signals, segments, search, progress.under("unfiltered"), earlier), segments
 
 
 def freed(sign_solution: SignSolution, low_pass: LowPass, predicted: Array) -> Signals:

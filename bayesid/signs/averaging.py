@@ -27,7 +27,7 @@ from bayesid.regression.noise import rms_where, times_of
 from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.protocol import Search, SignProblem, with_flipped
-from bayesid.signs.sign_solution import SignSolution, settle_signs
+from bayesid.signs.sign_solution import SignSolution, find_signs
 from bayesid.signs.tuning import TUNING
 
 
@@ -35,29 +35,28 @@ from bayesid.signs.tuning import TUNING
 class AveragedSigns:
     """Signs under the requested model and, if needed, a richer one."""
 
-    asked: SignSolution  # signs under the requested model
+    requested: SignSolution  # signs under the requested model
     sign_solution: SignSolution  # signs under the model of the larger weight; it defines segments and their signs
     fit: Fit  # of the requested model
     probability: Array  # (N, n) P(sign = +) of every sample, averaged over both models
     weight: float  # of the weightier model
 
     @classmethod
-    def alone(cls, asked: SignSolution) -> AveragedSigns:
+    def alone(cls, requested: SignSolution) -> AveragedSigns:
         """The requested model alone."""
-        return cls(asked, asked, asked.fit, asked.probability, 1.0)
+        return cls(requested, requested, requested.fit, requested.probability, 1.0)
 
     @classmethod
-    def of(cls, asked: SignSolution, rival: SignSolution) -> AveragedSigns:
+    def of(cls, requested: SignSolution, rival: SignSolution) -> AveragedSigns:
         """The weighted average of two models."""
-        weight = weight_against(rival, asked)
-        probability = weight * rival.probability + (1.0 - weight) * asked.probability
+        weight = weight_against(rival, requested)
+        probability = weight * rival.probability + (1.0 - weight) * requested.probability
         if weight < 0.5:
-            return cls(asked, asked, asked.fit, probability, 1.0 - weight)
-        signs = (
-            2.0 * rival.probability - 1.0
-        )  # the model's weight says nothing about single signs; it would bias the fit
-        fit = fit_signed(replace(asked.log_data, fitted=rival.log_data.fitted), signs)
-        return cls(asked, rival, fit, probability, weight)
+            return cls(requested, requested, requested.fit, probability, 1.0 - weight)
+        # signs of the weightier model alone: averaged ones would bias the fit, as the weight is the same for all signs
+        signs = 2.0 * rival.probability - 1.0
+        fit = fit_signed(replace(requested.log_data, fitted=rival.log_data.fitted), signs)
+        return cls(requested, rival, fit, probability, weight)
 
     @property
     def mixed(self) -> Array:
@@ -65,25 +64,25 @@ class AveragedSigns:
         return self.sign_solution.mixed_with(self.probability)
 
     @property
-    def by_asked(self) -> bool:
+    def by_requested(self) -> bool:
         """Whether the requested model has the larger weight."""
-        return self.sign_solution is self.asked
+        return self.sign_solution is self.requested
 
 
 def average_over_models(
-    asked: SignSolution, segments: Segments, search: Search, progress: Progress = SILENT
+    requested: SignSolution, segments: Segments, search: Search, progress: Progress = SILENT
 ) -> AveragedSigns:
     """Averages with the signs under all standard effects, if the model lacks some and its residual is correlated.
 
     Raises:
         SolverError: an optimisation failed.
     """
-    model = richer_model(asked) if search.any_model else None
+    model = richer_model(requested) if search.any_model else None
     if model is None:
-        return AveragedSigns.alone(asked)
-    signals = asked.log_data.signals
-    rival = settle_signs(model, signals, segments, search, progress.under("standard effects"))
-    return AveragedSigns.of(asked, rival)
+        return AveragedSigns.alone(requested)
+    signals = requested.log_data.signals
+    rival = find_signs(model, signals, segments, search, progress.under("standard effects"))
+    return AveragedSigns.of(requested, rival)
 
 
 def richer_model(sign_solution: SignSolution) -> Model | None:
@@ -105,25 +104,25 @@ def with_standard_terms(model: Model, signals: Signals) -> Model | None:
     return model
 
 
-def weight_against(rival: SignSolution, asked: SignSolution) -> float:
+def weight_against(rival: SignSolution, requested: SignSolution) -> float:
     """Weight of a richer model against the one it extends, by the Bayesian information criterion on effective samples.
 
     Each joint's samples are divided by the longer autocorrelation time of the two residuals (:eq:`model-weight`).
     """
-    return min(TUNING.largest_weight, float(expit(0.5 * evidence_gain(rival, asked))))
+    return min(TUNING.largest_weight, float(expit(0.5 * evidence_gain(rival, requested))))
 
 
-def evidence_gain(rival: SignSolution, asked: SignSolution) -> float:
-    """Fall of the Bayesian information criterion from the asked to the richer model.
+def evidence_gain(rival: SignSolution, requested: SignSolution) -> float:
+    """Fall of the Bayesian information criterion from the requested to the richer model.
 
     Both models are compared on the same samples and readings, before any sensor correction.
     """
-    samples, rate = asked.log_data.used | rival.log_data.used, asked.log_data.signals.rate
-    after, before = (np.maximum(rms_where(solution.error, samples), TINY) for solution in (rival, asked))
-    time = np.maximum(*(times_of(solution.error, samples, rate) for solution in (rival, asked)))
+    samples, rate = requested.log_data.used | rival.log_data.used, requested.log_data.signals.rate
+    after, before = (np.maximum(rms_where(solution.error, samples), TINY) for solution in (rival, requested))
+    time = np.maximum(*(times_of(solution.error, samples, rate) for solution in (rival, requested)))
     count = samples.sum(axis=0) / time
     gain = 2.0 * float(count @ np.log(before / after))
-    more = len(rival.log_data.coefficients) - len(asked.log_data.coefficients)
+    more = len(rival.log_data.coefficients) - len(requested.log_data.coefficients)
     return gain - more * float(np.log(count.sum()))
 
 

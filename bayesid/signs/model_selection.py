@@ -41,7 +41,7 @@ from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, PoorRobot, Proposal, propose
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.sign_solution import Reading, SignSolution, restored, settle_signs
+from bayesid.signs.sign_solution import Reading, SignSolution, find_signs, restored
 from bayesid.signs.tuning import TUNING
 
 _PROPOSING = "proposals for what the model explains poorly"
@@ -76,7 +76,7 @@ class CompletedSigns:
     @property
     def signals(self) -> Signals:
         """The log corrected for the sensors' distortions."""
-        return self.averaged.asked.log_data.signals
+        return self.averaged.requested.log_data.signals
 
     def consistent_with_nothing(self, theta: Array, covariance: Array) -> set[EffectKey]:
         """Effects to leave out: the half with less evidence of those that may be zero.
@@ -85,7 +85,7 @@ class CompletedSigns:
         """
         effects = () if self.model_selection is None else self.model_selection.effects
         return _least_half(
-            [e for e in effects if consistent_with_nothing(e, self.averaged.asked.model, theta, covariance)]
+            [e for e in effects if consistent_with_nothing(e, self.averaged.requested.model, theta, covariance)]
         )
 
 
@@ -120,7 +120,7 @@ class _Searching:
         signals, segments = restored(model, self.as_read), self.segments
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.segmentation)
-        found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
+        found = find_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
         return _SignsUnder(model, replace(found, reading=Reading(model, self.as_read)))
 
 
@@ -134,13 +134,13 @@ def complete(
     Raises:
         SolverError: an optimisation failed.
     """
-    searching = _Searching(averaged.asked.log_data.signals, segments, search, how.segmentation)
-    plain = _SignsUnder(averaged.asked.model, averaged.asked)
+    searching = _Searching(averaged.requested.log_data.signals, segments, search, how.segmentation)
+    plain = _SignsUnder(averaged.requested.model, averaged.requested)
     may_enter, lifted = how.enter and search.any_model, tuple[EnteredEffect, ...]()
     while may_enter and (free := _with_bounds_lifted(plain, searching, progress)) is not plain:
         lifted = (*lifted, *_lifting(free, plain))
         plain, averaged = free, AveragedSigns.alone(free.sign_solution)
-    first = plain if averaged.by_asked else replace(plain, sign_solution=averaged.sign_solution)
+    first = plain if averaged.by_requested else replace(plain, sign_solution=averaged.sign_solution)
     rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
     rounds.go_through(searching, enter=may_enter, progress=progress)
     if may_enter and (free := _with_bounds_lifted(rounds.signs, searching, progress)) is not rounds.signs:
@@ -168,7 +168,7 @@ def complete(
             (*lifted, *effects), detected.before.rms, after.rms, detected.effort, may_enter, sizes, narrow
         )
         completed = CompletedSigns(rounds.completed.model, summed_out, model_selection, without)
-        spread = summed_out.fit.parameter_covariance(summed_out.asked.log_data.coefficients.projection)
+        spread = summed_out.fit.parameter_covariance(summed_out.requested.log_data.coefficients.projection)
         least = completed.consistent_with_nothing(summed_out.fit.theta, spread)
         return without(least) if least else completed
 
@@ -420,15 +420,15 @@ def _summed_out(
     averaged: AveragedSigns, entered: Set[EffectKey], detected: DetectedEffects, tolerance: KinematicTolerance
 ) -> tuple[AveragedSigns, tuple[TooNarrow, ...]]:
     """The fit with the remaining effects and the geometry marginalised, and intervals that stay too narrow."""
-    log_data, fit = averaged.asked.log_data, averaged.fit
+    log_data, fit = averaged.requested.log_data, averaged.fit
     rest = [hypothesis for hypothesis in detected.screened if hypothesis.key not in entered]
     nuisance_scales = find_nuisance_scales(log_data, fit, averaged.probability, rest, tolerance)
     log_data = replace(log_data, nuisance=nuisance_scales.nuisance, fitted=averaged.sign_solution.log_data.fitted)
     if nuisance_scales.nuisance is not None:
         fit = widened(fit, log_data, 2.0 * averaged.sign_solution.probability - 1.0)
-    asked = replace(averaged.asked, log_data=log_data, fit=fit)
-    sign_solution = asked if averaged.by_asked else averaged.sign_solution
-    summed_out = replace(averaged, asked=asked, sign_solution=sign_solution, fit=fit)
+    requested = replace(averaged.requested, log_data=log_data, fit=fit)
+    sign_solution = requested if averaged.by_requested else averaged.sign_solution
+    summed_out = replace(averaged, requested=requested, sign_solution=sign_solution, fit=fit)
     names, geometry = log_data.coefficients.names, _sizes(summed_out).get(KINEMATICS[0], 0.0)
     bodies = np.zeros(log_data.model.cone.size, dtype=bool)
     for body in log_data.model.cone.bodies:
@@ -440,7 +440,7 @@ def _summed_out(
 
 
 def _sizes(averaged: AveragedSigns) -> dict[str, float]:
-    nuisance = averaged.asked.log_data.nuisance
+    nuisance = averaged.requested.log_data.nuisance
     return {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
 
 

@@ -258,9 +258,9 @@ class InTurn:
 
 
 @dataclass(frozen=True)
-class _Settled:
+class _SignFit:
     signs: Array  # (N', n) of thinned rows; 0 for unused rows
-    left: Array  # (n,) RMS residual, N m
+    rms: Array  # (n,) RMS residual, N m
     beta: Array  # (r,) coefficients
 
 
@@ -273,18 +273,18 @@ class _Form:
 
 @dataclass(frozen=True)
 class PoorRobot:
-    """All joints of a log, for effects in several of them."""
+    """All joints of a log, for effects in several joints."""
 
     log: SignedLog
     segments: Segments  # of the last search
     poor: Mask  # (n,) joints with a poor fit
 
     def without_bounds(self) -> Proposal | None:
-        """The terms without the bounds that an unbounded fit violates; None if they gain too little.
+        """Lifts the bounds that an unbounded fit violates; None if that gains too little.
 
-        A joint's signs and their flip have equal cost without bounds; the remaining bounds decide between them. Joints
-        are flipped all at once while these bounds require it, or one by one if the fit is about as good. The best fit
-        wins.
+        Without bounds a joint's signs and their flip have equal cost; the remaining bounds decide. Joints that violate
+        them are flipped together, and in a second trial one by one if the fit is about as good. The better trial is
+        used.
         """
         model = self.log.log_data.model
         joints = range(1, model.robot.n_joints + 1)
@@ -293,92 +293,88 @@ class PoorRobot:
         form = self._form(model, {name for effect in lifting for name in effect.freed(model.robot)})
         predicted = self.log.fit.predicted[self.log.rows]
         before = self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted)
-        begun, best = self._settled(form, predicted), None
-        for sign_solution in (self._flipped_together(form, begun), self._flipped_one_by_one(form, begun)):
-            value = dict(zip(form.names, sign_solution.beta.tolist(), strict=True))
+        first, best = self._fit_from(form, predicted), None
+        for fit in (self._flipped_together(form, first), self._flipped_one_by_one(form, first)):
+            value = dict(zip(form.names, fit.beta.tolist(), strict=True))
             needed = [
                 effect for effect in lifting if all(value.get(name, 0.0) < 0.0 for name in effect.freed(model.robot))
             ]
-            gain = self._gain(before, sign_solution.left) - 0.5 * len(needed) * float(np.log(self._count.sum()))
+            gain = self._gain(before, fit.rms) - 0.5 * len(needed) * float(np.log(self._count.sum()))
             if needed and gain > (TUNING.proposal_gain if best is None else best[0]):
-                best = gain, Proposal(tuple(needed), _of_samples(self.log, sign_solution.signs))
+                best = gain, Proposal(tuple(needed), _of_samples(self.log, fit.signs))
         return None if best is None else best[1]
 
     def propose(self) -> list[Proposal]:
-        """Effects of the whole robot, each with its best guess, best first; only those that improve the fit.
+        """Effects of the whole robot that improve the fit, each with its best guess, best first.
 
-        The penalty for their numbers follows after the search, as there are few such effects.
+        The number of parameters is penalised after the search, as there are few such effects.
         """
         model, found = self.log.log_data.model, []
-        before = self._settled_under(model).left
+        before = self._fit_under(model).rms
         for kind in catalogue.forms().values():
             guesses = [] if kind.name in {effect.name for effect in model.effects} else list(kind.guesses(model.robot))
-            fits = in_parallel([partial(self._settled_under, model.extend(guess)) for guess in guesses])
-            gains = [self._gain(before, fit.left) for fit in fits]
+            fits = in_parallel([partial(self._fit_under, model.extend(guess)) for guess in guesses])
+            gains = [self._gain(before, fit.rms) for fit in fits]
             if not guesses:
                 continue
             best = int(np.argmax(gains))
             effect, fit = self._sharpened(guesses[best], fits[best])
-            if (gain := self._gain(before, fit.left)) > TUNING.proposal_gain:
+            if (gain := self._gain(before, fit.rms)) > TUNING.proposal_gain:
                 found.append((gain, Proposal((effect,), _of_samples(self.log, fit.signs))))
         return [proposal for _, proposal in sorted(found, key=lambda gain_and_proposal: -gain_and_proposal[0])]
 
-    def _settled_under(self, model: Model) -> _Settled:
+    def _fit_under(self, model: Model) -> _SignFit:
         """From the current signs, and from the best ones of all segments of poorly explained joints."""
         form, predicted = self._form(model), self.log.fit.predicted[self.log.rows]
-        sign_solution = self._settled(form, predicted)
-        other = self._settled(form, self._segments_flipped(form, sign_solution))
-        return self._flipped_one_by_one(
-            form, other if self._gain(sign_solution.left, other.left) > 0.0 else sign_solution
-        )
+        fit = self._fit_from(form, predicted)
+        other = self._fit_from(form, self._segments_flipped(form, fit))
+        return self._flipped_one_by_one(form, other if self._gain(fit.rms, other.rms) > 0.0 else fit)
 
-    def _sharpened(self, effect: Effect, sign_solution: _Settled) -> tuple[Effect, _Settled]:
+    def _sharpened(self, effect: Effect, fit: _SignFit) -> tuple[Effect, _SignFit]:
         """An effect with its numbers optimised under the signs of its guess, by Gauss-Newton, and the new signs."""
         if not isinstance(effect, RobotDistortion):
-            return effect, sign_solution
+            return effect, fit
         model, used = self.log.log_data.model, self.log.data.used
         weight, magnitude = _noise_of(self.log)[0], self.log.modelled.magnitude
         count = sum(len(getattr(effect, key)) for key, number in effect.number_fields().items() if number.tuned)
         for _ in range(TUNING.sharpened_rounds):
             form, steps = self._form(model.extend(effect)), effect.step * np.eye(count)
             moved = [self._form(model.extend(effect.moved(step))) for step in steps]
-            if any(other.names != form.names for other in moved) or len(form.names) != len(sign_solution.beta):
+            if any(other.names != form.names for other in moved) or len(form.names) != len(fit.beta):
                 break  # numbers at which other coefficients are identifiable
-            slopes = [(there.columns - form.columns) @ sign_solution.beta / effect.step for there in moved]
+            slopes = [(there.columns - form.columns) @ fit.beta / effect.step for there in moved]
             columns = np.concatenate([form.columns, np.stack(slopes, axis=2)], axis=2) / weight[:, None]
-            rows, target = columns[used], (sign_solution.signs * magnitude / weight)[used]
+            rows, target = columns[used], (fit.signs * magnitude / weight)[used]
             best = inverse_of(rows.T @ rows) @ (rows.T @ target)
             better = effect.moved(best[-len(steps) :])
-            other = self._settled(self._form(model.extend(better)), sign_solution.signs)
-            if self._gain(sign_solution.left, other.left) <= 0.0:
+            other = self._fit_from(self._form(model.extend(better)), fit.signs)
+            if self._gain(fit.rms, other.rms) <= 0.0:
                 break
-            effect, sign_solution = better, other
-        return effect, sign_solution
+            effect, fit = better, other
+        return effect, fit
 
-    def _flipped_together(self, form: _Form, sign_solution: _Settled) -> _Settled:
+    def _flipped_together(self, form: _Form, fit: _SignFit) -> _SignFit:
         for _ in form.bounded:
-            if not np.any(flipped := self._wrong_sides(form, sign_solution)):
+            if not np.any(flipped := self._wrong_sides(form, fit)):
                 break
-            sign_solution = self._settled(form, np.where(flipped, -sign_solution.signs, sign_solution.signs))
-        return sign_solution
+            fit = self._fit_from(form, np.where(flipped, -fit.signs, fit.signs))
+        return fit
 
-    def _flipped_one_by_one(self, form: _Form, sign_solution: _Settled) -> _Settled:
+    def _flipped_one_by_one(self, form: _Form, fit: _SignFit) -> _SignFit:
         for _ in form.bounded:
-            before = sign_solution
+            before = fit
             for j in range(len(form.bounded)):
-                if self._wrong_sides(form, sign_solution)[j]:
-                    signs = np.where(np.arange(len(form.bounded)) == j, -sign_solution.signs, sign_solution.signs)
-                    other = self._settled(form, signs)
-                    sign_solution = (
-                        other if self._gain(sign_solution.left, other.left) > -TUNING.proposal_gain else sign_solution
-                    )
-            if sign_solution is before:
+                if self._wrong_sides(form, fit)[j]:
+                    signs = np.where(np.arange(len(form.bounded)) == j, -fit.signs, fit.signs)
+                    other = self._fit_from(form, signs)
+                    fit = other if self._gain(fit.rms, other.rms) > -TUNING.proposal_gain else fit
+            if fit is before:
                 break
-        return sign_solution
+        return fit
 
-    def _wrong_sides(self, form: _Form, sign_solution: _Settled) -> Mask:
+    def _wrong_sides(self, form: _Form, fit: _SignFit) -> Mask:
         """(n,) unsigned joints whose bounded parameters have a negative sum."""
-        columns, beta = np.abs(form.columns), sign_solution.beta
+        columns, beta = np.abs(form.columns), fit.beta
         sides = [np.sum(beta[indices] * columns[:, j, indices].sum(axis=0)) for j, indices in enumerate(form.bounded)]
         return (np.array(sides) < 0.0) & ~self.log.log_data.signals.signed
 
@@ -394,25 +390,25 @@ class PoorRobot:
         count: Array = self.log.data.used.sum(axis=0) / _noise_of(self.log)[1]
         return count
 
-    def _gain(self, before: Array, left: Array) -> float:
-        """Nats by which a joint's residual RMS `left` (n,) is likelier than `before` (n,)."""
-        return float(self._count @ np.log(before / left))
+    def _gain(self, before: Array, after: Array) -> float:
+        """Gain in log-likelihood, nats, from the joints' residual RMS `before` (n,) to `after` (n,)."""
+        return float(self._count @ np.log(before / after))
 
-    def _settled(self, form: _Form, begun: Array) -> _Settled:
-        """Coefficients and signs in turn, from signs (N', n)."""
+    def _fit_from(self, form: _Form, predicted: Array) -> _SignFit:
+        """Coefficients and signs in turn, from the signs of predictions (N', n)."""
         used, signals = self.log.data.used, self.log.log_data.signals
-        start = np.where(np.where(signals.signed, signals.raw_effort[self.log.rows], begun) >= 0.0, 1.0, -1.0)
+        start = np.where(np.where(signals.signed, signals.raw_effort[self.log.rows], predicted) >= 0.0, 1.0, -1.0)
         signs = np.zeros(used.shape)
         known = np.broadcast_to(signals.signed, used.shape)[used]
         signs[used], _, beta = self._in_turn(form).from_signs(start[used], known)
-        return _Settled(signs, self._rms(signs, form.columns @ beta), beta)
+        return _SignFit(signs, self._rms(signs, form.columns @ beta), beta)
 
-    def _segments_flipped(self, form: _Form, sign_solution: _Settled) -> Array:
+    def _segments_flipped(self, form: _Form, fit: _SignFit) -> Array:
         """(N', n) the best signs of whole segments; those of poorly explained joints start at random."""
         used, signals = self.log.data.used, self.log.log_data.signals
         segment = np.where(signals.signed, -1, _segment_of(self.log, self.segments))
         doubted = np.broadcast_to(self.poor, used.shape)
-        signs = sign_solution.signs.copy()
+        signs = fit.signs.copy()
         signs[used] = self._in_turn(form).flipped(signs[used], segment[used], doubted[used])
         return signs
 

@@ -103,7 +103,7 @@ class Earlier:
     theta: Array  # (P,) parameters that give another solution without a search
 
 
-def settle_signs(
+def find_signs(
     model: Model,
     signals: Signals,
     segments: Segments,

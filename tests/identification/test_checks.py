@@ -60,12 +60,12 @@ def blind():
 
 @dataclass
 class Averaged:
-    """Signs by the model asked for, nothing wrong with them."""
+    """Signs by the requested model, nothing wrong with them."""
 
     fit: SimpleNamespace = field(default_factory=fit_with)
     sign_solution: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(signs=signs_with()))
-    asked: SimpleNamespace = field(default_factory=lambda: model_of("rigid_body"))
-    by_asked: bool = True
+    requested: SimpleNamespace = field(default_factory=lambda: model_of("rigid_body"))
+    by_requested: bool = True
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_nothing_wrong_is_nothing_said(log):
         {"posterior": posterior_with(posterior_conflict=0.008)},
         {"sign_solution": SimpleNamespace(signs=signs_with(unresolved=1))},  # of 200 segments
         {"sign_solution": unproven(lower_bound=None)},
-        {"fit": fit_with(on_edge=(True, True, False))},  # of single parameters, which nobody asked for
+        {"fit": fit_with(on_edge=(True, True, False))},  # of single parameters, which the user did not request
         {"fit": fit_with(on_edge=(True, True, False)), "nominal": NominalParameters(*np.full((2, 20), np.nan))},
     ):
         assert warnings(log, **changes) == ()
@@ -129,7 +129,7 @@ def test_nothing_wrong_is_nothing_said(log):
 FAULTS = (
     ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
-    ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "asked": blind()}, ("joint 2: no effort", "Fv2, Fc2")),
+    ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "requested": blind()}, ("joint 2: no effort", "Fv2, Fc2")),
     (
         {"fit": fit_with(on_edge=(True, True, False)), "nominal": NominalParameters(*np.full((2, 20), 0.5))},
         ("links 1, 2", "--nominal"),
@@ -159,7 +159,11 @@ FAULTS = (
         ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
     ),
     (
-        {"asked": SimpleNamespace(model=model_of().model, log_data=read_through(LowPass(2, 7.934, zero_phase=False)))},
+        {
+            "requested": SimpleNamespace(
+                model=model_of().model, log_data=read_through(LowPass(2, 7.934, zero_phase=False))
+            )
+        },
         ("low-passed", "7.93 Hz", "order 2"),
     ),
 )
@@ -174,16 +178,19 @@ def test_each_fault_is_one_line_that_names_what_is_at_fault_and_the_option(log):
 
 def test_what_a_robot_was_read_with_comes_first(log):
     notes = ("joints finger1, finger2 are held: a gripper is not identified",)
-    found = warnings(log, asked=model_of("rigid_body", notes=notes), model_error_probability=(0.0, 0.3))
+    found = warnings(log, requested=model_of("rigid_body", notes=notes), model_error_probability=(0.0, 0.3))
     assert (found[0], len(found)) == (notes[0], 2)
 
 
 def test_what_the_model_lacks_is_named_with_its_joint_where_another_one_has_it(log):
-    asked, richer = model_of("rigid_body", "gravity_spring 2"), model_of("rigid_body", "gravity_spring 2", "delay 7")
+    requested, richer = (
+        model_of("rigid_body", "gravity_spring 2"),
+        model_of("rigid_body", "gravity_spring 2", "delay 7"),
+    )
     more = model_of("rigid_body", "gravity_spring 2", "viscous_friction", "torque_offset")
     for rival, named in ((richer, "delay 7:"), (more, "viscous_friction, torque_offset:")):
         sign_solution = SimpleNamespace(signs=signs_with(), **vars(rival))
-        (warning,) = warnings(log, asked=asked, sign_solution=sign_solution, by_asked=False)
+        (warning,) = warnings(log, requested=requested, sign_solution=sign_solution, by_requested=False)
         assert named in warning
 
 

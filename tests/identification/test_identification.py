@@ -27,7 +27,7 @@ from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.signs.rounds import crossings
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.sign_solution import settle_signs
+from bayesid.signs.sign_solution import find_signs
 from bayesid.simulation.logs import simulate, simulate_log
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -352,7 +352,7 @@ def test_a_cut_that_segmentation_missed_is_made_by_searching_again(truth, unsign
     cut, effort = find_segments(unsigned.signals, unsigned.signals.motion), truth.effort(unsigned.signals.motion.t)
     blunt = glued(cut, effort)
     assert len(blunt) == len(cut) - 3
-    sign_solution = settle_signs(unsigned.model, unsigned.signals, blunt, Certified())
+    sign_solution = find_signs(unsigned.model, unsigned.signals, blunt, Certified())
     assert sign_solution.signs.rounds > 1
     assert len(sign_solution.signs.segments) > len(blunt)
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)

@@ -16,9 +16,9 @@ from bayesid.log.low_pass import AfterRectifier, LowPass
 from bayesid.log.segments import USUAL, find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.noise import Noise
-from bayesid.signs.after_rectifier import noise_taken, settle_unfiltered, significance
+from bayesid.signs.after_rectifier import find_unfiltered_signs, noise_taken, significance
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.sign_solution import settle_signs
+from bayesid.signs.sign_solution import find_signs
 from bayesid.signs.smoothing import smooth
 
 RATE = 100.0
@@ -55,7 +55,7 @@ def started(log):
 @cache
 def unfiltered(kind):
     model, signals, segments = started(read(KINDS[kind](np.abs(signed_log().effort))))
-    return settle_unfiltered(model, signals, segments, SEARCH, USUAL)[0]
+    return find_unfiltered_signs(model, signals, segments, SEARCH, USUAL)[0]
 
 
 def wrong_and_sure(sign_solution):
@@ -80,8 +80,8 @@ def test_a_low_pass_is_found_and_signs_are_no_surer_than_right(kind, cutoff):
 def test_what_was_not_filtered_or_before_the_rectifier_is_left_alone(kind):
     effort = signed_log().effort if kind == "none" else KINDS[kind](signed_log().effort)
     model, signals, segments = started(read(np.abs(effort)))
-    expected = settle_signs(model, signals, segments, SEARCH)
-    sign_solution, as_before = settle_unfiltered(model, signals, segments, SEARCH, USUAL)
+    expected = find_signs(model, signals, segments, SEARCH)
+    sign_solution, as_before = find_unfiltered_signs(model, signals, segments, SEARCH, USUAL)
     assert sign_solution.log_data.signals is signals
     assert as_before is segments
     np.testing.assert_array_equal(sign_solution.probability, expected.probability)

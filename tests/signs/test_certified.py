@@ -236,12 +236,12 @@ def test_moments_of_many_weak_segments_share_their_hessian():
 
 
 POOR_CANDIDATES = Tuning(
-    unmoved=1.0,
+    least_cost_share=1.0,
     candidate_patterns=1,
     candidate_combinations=1,
     candidates_solved=1,
-    candidates_persistent=1,
-    settling_rounds=1,
+    candidates_optimised=1,
+    alternations=1,
 )
 """Of a search whose first guess is mostly wrong, so that it is for the proof to find the best signs."""
 

@@ -12,7 +12,7 @@ ROBOT = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia")
 
 def search(problem, signs, failures=60):
     inner = Problem(problem.normal_equations, problem.solver(), np.inf)
-    return inner, local_search(inner, [inner.settle_from(signs)], failures)
+    return inner, local_search(inner, [inner.local_optimum_from(signs)], failures)
 
 
 def cases():
@@ -27,7 +27,7 @@ def test_from_the_worst_signs_of_all_the_best_ones_are_found():
     for problem in cases():
         worst = problem.assignments[int(np.argmax(problem.costs))]
         inner, found = search(problem, worst)
-        began_elsewhere += inner.settle_from(worst).cost > problem.least + 10 * problem.exact
+        began_elsewhere += inner.local_optimum_from(worst).cost > problem.least + 10 * problem.exact
         assert found.met[0].cost == pytest.approx(problem.least, abs=2 * problem.exact + ROUNDING * problem.energy)
         known = problem.normal_equations.known
         for branch in found.met:

@@ -16,7 +16,7 @@ from bayesid.regression.knowledge import KinematicTolerance, ParameterPrior
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.model_selection import Completing, complete
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.sign_solution import settle_signs
+from bayesid.signs.sign_solution import find_signs
 
 HIDDEN = {"stribeck_friction": (2,), "load_dependent_friction": (2,), "delay": ()}
 
@@ -115,7 +115,7 @@ def test_an_effect_enters_only_if_every_possible_assignment_confirms_it():
     signals = prepare(log_with("stribeck_friction"))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
     search, how = Certified(budget=2.0), Completing(True, KinematicTolerance(), Segmentation())
-    sign_solution = settle_signs(BASE, signals, segments, search)
+    sign_solution = find_signs(BASE, signals, segments, search)
     plain = complete(AveragedSigns.alone(sign_solution), segments, search, how)
     assert found(plain) == {("stribeck_friction", (2,))}
     left = plain.without(found(plain))

@@ -13,7 +13,7 @@ from bayesid.log.signals import prepare
 from bayesid.regression.selection.detected import SignedLog
 from bayesid.signs.proposals import InTurn, PoorJoint, propose
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.sign_solution import settle_signs
+from bayesid.signs.sign_solution import find_signs
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def searched():
     """Segments and log, under the standard terms, two fifths of the second joint's signs wrong."""
     signals = prepare(log_with("torque_ripple"))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
-    sign_solution = settle_signs(BASE, signals, segments, Certified(budget=2.0))
+    sign_solution = find_signs(BASE, signals, segments, Certified(budget=2.0))
     return sign_solution.signs.segments, SignedLog.of(
         sign_solution.log_data, sign_solution.fit, sign_solution.probability
     )

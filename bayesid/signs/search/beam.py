@@ -42,7 +42,7 @@ from bayesid.signs.tuning import TUNING
 
 @dataclass(frozen=True, kw_only=True)
 class Beam(Search):
-    """T-PBPR as a method.
+    """T-PBPR.
 
     Attributes:
         width: w of T-PBPR, nodes that survive each step.
@@ -50,7 +50,7 @@ class Beam(Search):
         node_solver: prices nodes, made from (cone, coefficients, hessian, energy); None for the cone.
         budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.protocol`); beams
             after that share a fifth of it. When a budget ends, each leaf predicts the signs of the undecided segments.
-        time_limit: wall-clock seconds for all searches of an identification; the result says if it ended a search.
+        time_limit: wall-clock seconds for all searches of an identification (`SearchResult.timed_out`).
 
     Example:
         >>> result = bayesid.identify(robot, log, terms, search=bayesid.Beam(width=3), posterior=False)

@@ -198,7 +198,7 @@ class Flips:
             slopes[chunk] = self._linear[among[chunk]] - self._diagonal[among[chunk]] - pairs.sum(axis=1)
             if charged:
                 charges[chunk] = pairs
-        return _handed_on(slopes, charges, self._tuning.sweeps) if charged else slopes
+        return _charges_shifted(slopes, charges, self._tuning.sweeps) if charged else slopes
 
     def forced(self, steps: Array) -> Array:
         """(m,) lower bounds of the change if other segments are flipped, for any signs of the free ones.
@@ -237,7 +237,7 @@ class Flips:
         return few - 2.0 * self._interference(everything, everything)
 
 
-def _handed_on(slopes: Array, charges: Array, sweeps: int) -> Array:
+def _charges_shifted(slopes: Array, charges: Array, sweeps: int) -> Array:
     """Slopes (n,) after charges (n, n; row k is charged to k) were shifted to segments with positive slope."""
     slopes = slopes.copy()
     for _ in range(sweeps):

@@ -4,15 +4,15 @@ Candidates come first. Each joint's rows alone almost determine its pattern up t
 patterns of all joints are combined, priced by the unconstrained bound, and solved in the cone in the order of that
 bound.
 
-The proof follows. With U the cost of the best signs so far and D_j the least cost of joint j's own rows,
+The proof follows. U is the cost of the best signs so far, D_j the least cost of joint j's rows alone. Steps:
 
-1. joint by joint: every pattern of joint j's strong segments with a bound under U + Delta - (sum of the other D_i);
-2. joints together: these lists are joined one after the other and cut by the unconstrained bound of all their rows;
-3. in the cone: a semidefinite program, by its dual bound, for the combinations that remain;
-4. consequences: further segments, one after the other, whose sign follows from the decided ones (`consequences`);
-5. the weak segments: they get their best signs, which are proven by the cost of flipping them (`tree`, `flips`).
+1. For each joint j, list the patterns of its strong segments with a bound under U + Delta - (sum of the other D_i).
+2. Join these lists one after the other. Drop combinations by the unconstrained bound of all their rows.
+3. Drop remaining combinations by the dual bound of the semidefinite program in the cone.
+4. Decide further segments, one after the other, whose sign follows from the decided ones (`tree.consequences`).
+5. Give the weak segments their best signs, and prove these by the cost of flipping them (`tree`, `bounds.Flips`).
 
-Dropping rows is a valid bound, so weak segments need not be enumerated.
+The cost of some rows alone is a lower bound of the total cost, so weak segments need not be enumerated.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ METHOD = "branch and bound"
 
 @dataclass(frozen=True, kw_only=True)
 class Certified(Search):
-    """The certified search as a method.
+    """The certified search.
 
     Attributes:
         budget: nominal seconds of work for the proof (`bayesid.signs.search.protocol`), shared by all proofs of an
-            identification; the fallback gets the rest of it and a fifth.
+            identification; the fallback gets the remaining part plus a fifth of the whole.
         missed_mass: posterior mass outside of the list of assignments, relative to the best assignment's.
         fallback: another search, which runs if the budget ends before the proof.
-        time_limit: wall-clock seconds for all searches of an identification; the result says if it ended a search.
+        time_limit: wall-clock seconds for all searches of an identification (`SearchResult.timed_out`).
 
     Example:
         >>> search = bayesid.Certified(budget=30.0)
@@ -76,7 +76,7 @@ class Certified(Search):
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
-        """Candidates without a proof; a local search too if the fit is poor.
+        """Best candidate without a proof; a local search follows if the fit is poor.
 
         Raises:
             SolverError: a cone problem could not be solved.
@@ -87,7 +87,7 @@ class Certified(Search):
         return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result), steps)
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """The proof; if it does not end, also a local search, a beam, and a local search from the beam's signs.
+        """The proof. If it does not end: a local search, a beam, and a local search from the beam's signs.
 
         Raises:
             SolverError: an optimisation failed.
@@ -126,7 +126,7 @@ class Certified(Search):
         return result if result.certified else replace(result, unlisted_probability=problem.unlisted_probability)
 
 
-def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go on
+def certified(  # noqa: PLR0913  a problem, a budget, two starts, and tuning
     normal_equations: NormalEquations,
     solver: ConeLeastSquares,
     budget: float = 10.0,
@@ -137,18 +137,18 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     tuning: Tuning = TUNING,
     signs: Sequence[Integers] = (),
 ) -> SearchResult:
-    """Finds the best signs and proves as much about all others as the budget allows.
+    """Finds the best signs, and proves within the budget which other signs cost more.
 
     Args:
         normal_equations: of S segments, scaled.
         solver: for the cone and for H and energy of all segments.
         budget: nominal seconds of work; the search for candidates always runs.
-        missed: mass, relative to the best assignment's, that the branches may leave out.
+        missed: largest posterior mass outside of the listed branches, relative to the best assignment's.
         start: (P,) parameters of an earlier search; their predicted signs are a candidate.
         steps: called as steps(percent of the budget, 100), and as steps(100, 100) in the end.
         time_limit: wall-clock seconds.
         tuning: work limits of each stage.
-        signs: (S,) each, likely signs; they replace other candidates.
+        signs: likely signs, (S,) each; they replace other candidates.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -159,7 +159,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     best, lower_bound, proof = _first(problem, start, signs), 0.0, None
     ways = [Way("earlier signs" if signs else "candidates", best.cost, problem.budget.spent)]
     try:
-        with problem.budget.at_most(tuning.unmoved * budget):
+        with problem.budget.at_most(tuning.least_cost_share * budget):
             least = least_costs(problem)
         lower_bound = float(least.sum()) - problem.slack
         proof = _prove_enough(problem, best, least, float(np.log(missed)))
@@ -188,9 +188,9 @@ def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> 
     """
     known, begun = problem.normal_equations.known, []
     if start is not None:
-        begun.append(problem.price(problem.settle(known, start).signs))
+        begun.append(problem.price(problem.local_optimum(known, start).signs))
     if signs:
-        begun += [problem.price(problem.settle_from(assignment).signs) for assignment in signs]
+        begun += [problem.price(problem.local_optimum_from(assignment).signs) for assignment in signs]
     elif start is None or problem.budget.over:
         begun.insert(0, candidate(problem))
     return min(begun, key=lambda branch: branch.cost)
@@ -216,7 +216,7 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
         lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
         unlisted_probability=0.0 if certified else result.unlisted_probability,
     )
-    kept, optimality_gap, log_missed = _what_matters(proof, best.cost, missed)
+    kept, optimality_gap, log_missed = _listed(proof, best.cost, missed)
     if optimality_gap < 0.0:
         return result  # the budget ended with an open node below the best cost
     if result.certified and not _data_agree(problem, best, proof.branches[1:kept]):
@@ -236,10 +236,11 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
 
 
 def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]) -> bool:
-    """Whether the best assignment has the least data cost too; checks those whose Tikhonov term could change that.
+    """Whether the best assignment also has the least data cost, the cost without the Tikhonov term.
 
-    If a cost grows as w^p with the weight of the Tikhonov term, that term is p times the growth. Masses that diverge
-    near the cone's edge grow as w^(1/3).
+    Only assignments whose Tikhonov term could change the order are checked. If the cost depends on the weight w of that
+    term as a + b w^p, the term is p b w^p. So the data cost may be 1 / p Tikhonov terms lower; p = 1/3 for masses that
+    diverge near the cone's edge.
     """
     near = [
         branch
@@ -250,10 +251,10 @@ def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]
     return all(problem.data_cost(branch)[0] >= value - min(problem.exact, TUNING.alike) for branch in near)
 
 
-def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
-    """Number of listed branches, their Delta, and the log of the mass left out, relative to the best's.
+def _listed(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
+    """Number of listed branches, their Delta, and the log of the mass of all others relative to the best's.
 
-    A proof goes farther than needed, so its most expensive branches are dropped while the mass allows it.
+    The most expensive branches are dropped while the mass of the others stays below `missed`.
     """
     least = -2.0 * float(np.log(missed))
     masses = np.array([-0.5 * (branch.lower_bound - cost) for branch in proof.branches])
@@ -286,15 +287,16 @@ def candidate(problem: Problem) -> Assignment:
         solution = problem.solve(prepared, joined.gradient[row])
         solved.append((energy + solution.cost, int(row), solution.theta))
         solved.sort(key=lambda candidate: candidate[:2])
-    persistent = [
-        problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: tuning.candidates_persistent]
+    optima = [
+        problem.local_optimum(problem.decided(joined, row), theta)
+        for _, row, theta in solved[: tuning.candidates_optimised]
     ]
-    best = min(persistent, key=lambda branch: branch.cost)
-    return _flipped(problem, problem.price(problem.settle(problem.normal_equations.known, best.theta).signs))
+    best = min(optima, key=lambda branch: branch.cost)
+    return _flipped(problem, problem.price(problem.local_optimum(problem.normal_equations.known, best.theta).signs))
 
 
 def _flipped(problem: Problem, branch: Assignment) -> Assignment:
-    """The assignment with single segments flipped where that lowers the cost: those that affect the parameters most."""
+    """The assignment with single segments flipped where that lowers the cost, most promising first."""
     known = problem.normal_equations.known
     unknown = np.flatnonzero(known == 0)
     for _ in range(problem.tuning.flipped):
@@ -304,7 +306,7 @@ def _flipped(problem: Problem, branch: Assignment) -> Assignment:
             break
         decided = known.copy()
         decided[unknown[k]] = -branch.signs[unknown[k]]
-        flipped = problem.price(problem.settle(decided, branch.theta).signs)
+        flipped = problem.price(problem.local_optimum(decided, branch.theta).signs)
         if flipped.cost < branch.cost:
             branch = flipped
         else:
@@ -313,7 +315,7 @@ def _flipped(problem: Problem, branch: Assignment) -> Assignment:
 
 
 def _prove_enough(problem: Problem, best: Assignment, least: Array, log_missed: float) -> Proof:
-    """A proof with a Delta wide enough for the allowed missed mass, or as far as the budget allows."""
+    """A proof whose Delta is raised until the missed mass is allowed, or the budget ends."""
     optimality_gap = -2.0 * log_missed + problem.tuning.allowance
     while True:
         limit = best.cost + optimality_gap

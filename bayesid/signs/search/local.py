@@ -2,8 +2,8 @@
 
 A local optimum is an assignment that its own best parameters predict. Alternating signs and parameters reaches one from
 any start. With friction in the model a joint is nearly symmetric under a flip (docs/certified-search.md), and so may be
-some of its segments; so there are many local optima. Starts are the best known assignment with one joint flipped, with
-two joints flipped, then signs that drawn parameters predict:
+single segments, so there are many local optima. Starts are the best known assignment with one joint flipped, with two
+joints flipped, then signs predicted by parameters drawn as
 
     beta + sqrt(T) L^-T z,   L L' = H + Q,   z standard normal,
 
@@ -58,7 +58,7 @@ def local_search(
     while failed < failures and tried < most and not problem.budget.over:
         steps(tried, most)
         start = next(starts)
-        branch = problem.settle_from(start)
+        branch = problem.local_optimum_from(start)
         met.setdefault(branch.signs.tobytes(), branch)
         failed, tried = failed + 1, tried + 1
         if branch.cost < best.cost - max(problem.exact, TUNING.alike):
@@ -95,7 +95,7 @@ def searched_locally(
     began, inner = time.perf_counter(), Problem(problem.normal_equations, problem.solver(), np.inf, time_limit)
     known, first = problem.normal_equations.known, results[0]
     thetas = [[result.theta, *(branch.theta for branch in result.branches[: TUNING.most_begun])] for result in results]
-    begun = [inner.settle(known, theta) for theta in itertools.chain(*thetas)]
+    begun = [inner.local_optimum(known, theta) for theta in itertools.chain(*thetas)]
     found = local_search(inner, begun, failures, steps=steps)
     best, work = found.met[0], inner.budget.spent
     ways = (way for result in results for way in result.ways or (Way(result.method, result.cost, result.spent),))

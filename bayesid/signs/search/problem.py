@@ -55,7 +55,7 @@ class Problem:
         self.solves = self.combined = 0  # cone problems solved, combinations of several joints' patterns priced
         self.tolerance = 0.0  # coarsest relative gap of a cone problem
         self.tails: list[float] = []  # lower bounds of the cost of each block's weak segments, once computed
-        self._tell, self._reported = steps, 0
+        self._steps, self._reported = steps, 0
         self._prepared = solver.prepared(self._hessian)
         self._priced: dict[bytes, Assignment] = {}
         self._solved: dict[bytes, Assignment] = {}
@@ -75,7 +75,7 @@ class Problem:
         percent = int(100.0 * self.budget.spent / whole) if 0.0 < whole < np.inf else 0
         if self._reported < percent < 100:
             self._reported = percent
-            self._tell(percent, 100)
+            self._steps(percent, 100)
 
     def check(self, choices: int) -> None:
         """Counts a step, and raises OutOfTimeError after the end of the budget."""
@@ -102,13 +102,13 @@ class Problem:
         """Undecided segments (0 in `decided`, (S,)) get the signs that theta (P,) predicts; with the best cost."""
         return self._known(self._completed(decided, theta))
 
-    def settle(self, decided: Integers, theta: Array) -> Assignment:
-        """Alternates undecided segments (0 in `decided`, (S,)) and parameters, from theta (P,), to a local optimum.
+    def local_optimum(self, decided: Integers, theta: Array) -> Assignment:
+        """Local optimum from theta (P,), by alternating undecided segments (0 in `decided`, (S,)) and parameters.
 
         Neither step can raise the cost. The lower bound is for the resulting signs only.
         """
         signs = self._completed(decided, theta)
-        for _ in range(self.tuning.settling_rounds):
+        for _ in range(self.tuning.alternations):
             branch = self._known(signs)
             after = self._completed(decided, branch.theta)
             if np.array_equal(after, signs):
@@ -116,9 +116,9 @@ class Problem:
             signs = after
         return self._known(signs)
 
-    def settle_from(self, signs: Integers) -> Assignment:
+    def local_optimum_from(self, signs: Integers) -> Assignment:
         """The same with all unknown segments undecided, from the best parameters for signs (S,)."""
-        return self.settle(self.normal_equations.known, self._known(signs).theta)
+        return self.local_optimum(self.normal_equations.known, self._known(signs).theta)
 
     def _known(self, signs: Integers) -> Assignment:
         key = _key(signs)

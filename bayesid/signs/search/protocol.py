@@ -5,7 +5,7 @@ splits segments whose predicted effort crosses zero. When none is split any more
 
 Searches count their work in *nominal seconds* instead of wall-clock time: numbers of steps, sign choices, cone problems
 and pairs of segments, each times its typical time on one core. So the same log gives the same result on a busy machine.
-A wall-clock limit can end a search too; its result then says so.
+A wall-clock limit can end a search too (`SearchResult.timed_out`).
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Assignment:
     theta: Array  #: (P,) best feasible parameters
     #: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise (:eq:`assignment-cost`)
     cost: float
-    #: proven lower bound of the cost of all assignments of the branch: those with the same signs in the segments that
-    #: the proof decided one by one, for any signs of the weak ones
+    #: proven lower bound of the cost of all assignments of the branch, which have the same signs in the segments that
+    #: the proof decided one by one, and any signs in the weak ones
     lower_bound: float
 
 
@@ -330,8 +330,8 @@ class Budget:
     @property
     def spent(self) -> float:
         """Nominal seconds of the work done."""
-        counted = TUNING.seconds_a_step * self._steps + TUNING.seconds_a_choice * self._coefficients * self._choices
-        return counted + TUNING.seconds_a_solve * self._solved + TUNING.seconds_a_pair * self._pairs
+        counted = TUNING.seconds_per_step * self._steps + TUNING.seconds_per_choice * self._coefficients * self._choices
+        return counted + TUNING.seconds_per_solve * self._solved + TUNING.seconds_per_pair * self._pairs
 
     @property
     def over(self) -> bool:

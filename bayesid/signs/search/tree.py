@@ -1,25 +1,25 @@
 """The proof's tree: from combinations of the joints' patterns to branches that cover all completions.
 
 Consequences are signs that follow from decided ones, segment by segment. Let D be the decided segments, l the least
-cost of their rows with half of the Tikhonov term, beta the coefficients at that minimum and H its curvature. Three
-things follow for another segment k, with v_k = g_k' H^-1 g_k:
+cost of their rows with half of the Tikhonov term, beta the coefficients at that minimum and H its curvature. For
+another segment k, with v_k = g_k' H^-1 g_k:
 
-1. Its efforts leave at least (c_k - s g_k' beta)^2 / c_k along their own direction, so its sign s costs at least
-   :eq:`consequence`::
+1. The residual of its efforts along their own direction costs at least (c_k - s g_k' beta)^2 / c_k. So the total cost
+   under its sign s is at least :eq:`consequence`::
 
        l + (c_k - s g_k' beta)^2 / (c_k + v_k).
 
-   A sign whose bound exceeds the limit is excluded. If both are, the decided signs are excluded.
-2. An assignment with a cost up to L has its best coefficients where |g_k' (beta* - beta)| <= sqrt(v_k (L - l)). If that
-   cannot change the sign of g_k' beta, the other sign costs more, for any signs of the others, by the gain
+   A sign is excluded if this bound exceeds the limit. If both signs are, the decided signs are excluded.
+2. The best coefficients beta* of an assignment with a cost up to L satisfy |g_k' (beta* - beta)| <= sqrt(v_k (L - l)).
+   If g_k' beta* thus has the sign of g_k' beta, the other sign costs more, for any signs of the others, by the gain
 
        4 (|g_k' beta| - sqrt(v_k (L - l)))
 
-   (:eq:`prediction`). So no assignment up to L is lost if the predicted sign is assumed, and its rows count too.
-3. Every assignment with an assumed sign flipped costs the gain more than one without a flip.
+   (:eq:`prediction`). So the predicted sign is assumed, which keeps a best assignment, and its rows are added.
+3. Every assignment with an assumed sign flipped costs more than one without a flip, by at least the gain.
 
-Decided and assumed signs determine further ones. An assumption uses earlier assumptions only. So after signs were
-excluded by their gains, the other assumptions are made again.
+Decided and assumed signs determine further signs. An assumption depends on earlier assumptions only. When gains exclude
+signs, all assumptions are derived again from the decided signs.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Consequences:
 
 
 def consequences(problem: Problem, decided: Integers, limit: float) -> Consequences:
-    """Consequences of decided signs (S,), 0 if undecided, for assignments with a cost up to a limit."""
+    """Consequences of decided signs (S,), 0 if undecided, for assignments with a cost up to `limit`."""
     excluded = []
     while True:
         found = _once(problem, decided, limit)
@@ -120,11 +120,11 @@ class _Rows:
 
 @dataclass(frozen=True)
 class Proof:
-    """Proven bounds of all assignments."""
+    """Proven lower bounds of the cost of all assignments."""
 
     branches: tuple[Assignment, ...]  # assignments that are not excluded, cheapest first
     decided: Mask  # (branches, S) segments whose sign is the same in the whole branch
-    alternatives: Array  # (branches,) lower bounds of the branch without its best assignment
+    alternatives: Array  # (branches,) lower bounds of the branch except its best assignment
     limit: float  # lower bound of the cost of all other assignments
     log_missed: float  # log of the sum of exp(-b / 2) over all other assignments, b their bounds
 
@@ -152,13 +152,13 @@ class _Node:
 class _Leaf:
     branch: Assignment  # the local optimum; its lower bound is for its signs only
     bound: float  # lower bound of the cost of all completions that are neither excluded nor in children
-    alternatives: float  # the same without the branch itself
+    alternatives: float  # the same except `branch`
     decided: Mask  # (S,) segments whose sign is the same in all of them
     children: list[_Node]  # split-off nodes
     excluded: Array  # (k,) lower bounds of the completions that were cut off
 
     def with_what_was_cut(self, bound: float, children: list[_Node], excluded: list[Array]) -> _Leaf:
-        """The same within a node of this bound, and with earlier cuts."""
+        """The leaf of a node with this bound, with the node's children and exclusions."""
         return replace(
             self,
             bound=max(self.bound, bound),
@@ -169,12 +169,12 @@ class _Leaf:
 
 
 def prove(problem: Problem, combinations: Combinations, limit: float, theta: Array) -> Proof:
-    """Proof if all assignments except the given combinations cost more than `limit`.
+    """The proof, given that all assignments outside of the combinations cost more than `limit`.
 
-    Undecided segments of a combination and parameters are alternated from theta (P,). If `flips` prove that no flip
-    lowers the cost, the combination is a branch. Otherwise segments that cannot flip below the limit are decided. If
-    that does not help, the most influential segment is decided too, and its other sign becomes a new node. Nodes that
-    are open when the budget ends lower the limit.
+    A combination's undecided segments start from the local optimum of alternating signs and parameters, from theta
+    (P,). If `Flips` prove that no flip lowers the cost, the combination is a branch. Otherwise segments whose flip
+    costs more than the limit are decided. If there are none, the most influential segment is decided, and its other
+    sign becomes a new node. Nodes that are open when the budget ends lower the limit.
     """
     patterns, log_missed = combinations.patterns, combinations.log_missed
     open_nodes = [
@@ -220,9 +220,9 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
 
 
 def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, weak: Integers) -> list[_Node]:
-    """Other nodes with the bounds that a node's leaf proves for them; unchanged with many weak segments.
+    """Other nodes with bounds raised to those that a node's leaf proves; unchanged with many weak segments.
 
-    Weak segments are those that the joints' lists do not decide; any of them may differ between two nodes.
+    Weak segments are not decided by the joints' lists; any of them may differ between two nodes.
     """
     if not others or len(weak) > problem.tuning.charged_flips:
         return others
@@ -232,12 +232,12 @@ def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, wea
 
 
 def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) -> _Leaf:
-    """Processes a node until no flip lowers its cost; raises OutOfTimeError at the end of the budget."""
+    """Decides segments of a node until no flip lowers its cost; raises OutOfTimeError at the end of the budget."""
     branch = problem.complete(further.signs, node.theta)
     bound = branch.lower_bound + problem.flips(branch, further.free).best[0]
     if bound > limit:
         return _Leaf(branch, bound, bound, further.decided != 0, [], np.empty(0))
-    branch = problem.price(problem.settle(further.signs, branch.theta).signs)
+    branch = problem.price(problem.local_optimum(further.signs, branch.theta).signs)
     children: list[_Node] = []
     excluded = [further.excluded[:0]]
     while True:
@@ -267,7 +267,7 @@ def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) ->
             leaf = _Leaf(branch, further.bound, further.bound, further.decided != 0, [], np.empty(0))
             return leaf.with_what_was_cut(node.bound, children, excluded)
         if np.any(further.signs * branch.signs < 0):
-            branch = problem.price(problem.settle(further.signs, branch.theta).signs)
+            branch = problem.price(problem.local_optimum(further.signs, branch.theta).signs)
 
 
 def _closed(branch: Assignment, flips: Flips, further: Consequences, limit: float) -> _Leaf:
@@ -280,9 +280,10 @@ def _closed(branch: Assignment, flips: Flips, further: Consequences, limit: floa
 
 
 def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float) -> Mask:
-    """(S,) segments of a proof's branch that are decided or cannot flip below the limit.
+    """(S,) segments of a proof's branch that are decided, or whose flip costs more than the limit.
 
-    Each persistent segment leaves fewer to interact with. When that stops, the strongest one is flipped on trial.
+    Each persistent segment tightens the bounds of the others. If no bound suffices, the strongest segment is flipped
+    and bounded by itself.
     """
     certain: Mask = decided.copy()
     tried = certain.copy()
@@ -303,7 +304,7 @@ def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float
 
 def _flipped(problem: Problem, branch: Assignment, decided: Integers, k: int) -> float:
     decided[k] = -branch.signs[k]
-    flipped = problem.settle(decided, branch.theta)
+    flipped = problem.local_optimum(decided, branch.theta)
     return flipped.lower_bound + problem.flips(flipped, np.flatnonzero(decided == 0)).best[0]
 
 

@@ -22,7 +22,7 @@ from bayesid.regression.selection.hypotheses import hypotheses, maker
 from bayesid.regression.selection.regression import Regression, plain_errors
 from bayesid.regression.selection.scores import refined
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.sign_solution import settle_signs
+from bayesid.signs.sign_solution import find_signs
 
 SPEED = 0.13
 """Of the highest; the list holds 0.1 and 0.17."""
@@ -101,7 +101,7 @@ def test_distortions_are_linearised_anew_where_what_was_found_changes_the_effort
     """Not where nothing was found; all of them where the efforts that they distort are half as large by now."""
     signals = prepare(log_with(signed=True))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
-    settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
+    settled = find_signs(BASE, signals, segments, Certified(budget=2.0))
     log = SignedLog.of(settled.log_data, settled.fit, settled.probability)
     lags = log.made([Delay(lag=(0.01,)), Delay(lag=(0.03,))])
     products = Regression(log.data, lags, plain_errors(log.data))
