@@ -5,7 +5,7 @@ are those of `bayesid.robot.inertia`, each link in its own frame: the DH frame o
 
 Efforts are measured at the motors. With motor speed = R q' (the `transmission`) a controller reports motor torque times
 the gear ratio, |diag R|. In these *actuator* coordinates, u = C q with C = |diag R|^-1 R, the effort is
-e = C^-T tau by the principle of virtual work; without a transmission C is the identity and nothing changes.
+e = C^-T tau by the principle of virtual work; without a transmission C is the identity.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class Robot:
         """Collision model: capsules if given, else the shapes of the robot's URDF.
 
         Args:
-            rest: (n,) or (M, n) poses of the robot in the log, rad or m; pairs too near there are not checked.
+            rest: (n,) or (M, n) poses of the robot in the log, rad or m; pairs too close there are not checked.
             capsules: radii of the links (`bayesid.types.Capsules`); needed unless a URDF has shapes.
             floor: height of the floor above the base's origin, against gravity, m; None for no floor.
             margin: minimum distance, m; pairs that never keep it, or did not in the log, are not checked.
@@ -224,8 +224,7 @@ class Robot:
 
         Raises:
             InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
-                where the robot has been; or all that could meet is nearer than the margin anyway, so that capsules tell
-                nothing.
+                in the log; or all pairs are nearer than the margin, so the capsules are too wide.
 
         Example:
             >>> capsules = bayesid.types.Capsules(0.03)
@@ -263,13 +262,13 @@ class _Bodies:
 
     def of(self, robot: Robot, parameters: Array | None = None) -> tuple[Any, Any]:
         """Pinocchio's model and data with these link parameters (10 n,), or without bodies."""
-        asked = b"" if parameters is None else parameters.tobytes()
-        if asked not in self._made:
+        key = b"" if parameters is None else parameters.tobytes()
+        if key not in self._made:
             if len(self._made) > TUNING.bodies_remembered:
                 self._made.pop(next(iter(self._made)))
             model = robot.pinocchio if parameters is None else _with_bodies(robot, parameters)
-            self._made[asked] = model, model.createData()
-        return self._made[asked]
+            self._made[key] = model, model.createData()
+        return self._made[key]
 
 
 def _with_bodies(robot: Robot, parameters: Array) -> Any:
@@ -317,9 +316,9 @@ class Joint:
     #: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it
     link_frame: Array = field(default_factory=lambda: np.eye(4))
     name: str = ""  #: in the URDF; empty for a DH table
-    #: the largest that the joint may be driven with, N m (N if it slides); None where no file tells it
+    #: rated effort, N m (N of a prismatic joint); None if no file states it
     rated_effort: float | None = None
-    #: (4, 4) the flange in the link's frame, where a file puts one behind its last joint; None where it is that frame
+    #: (4, 4) the flange in the link's frame, if a file has one after its last joint; None if it is that frame
     tip: Array | None = None
 
     def __post_init__(self) -> None:
@@ -345,12 +344,12 @@ def _pinocchio_model(robot: Robot) -> pin.Model:
 
 
 def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
-    """Numbers of a robot file's key in a given shape, each of size at most `most`; else an InputError."""
+    """Numbers of a robot file's key in a given shape, each at most `most` in size; else an InputError."""
     try:
         numbers = frozen(value, shape, key)
     except (TypeError, ValueError):
-        wanted = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
-        raise InputError(f"key '{key}' cannot be used", where, f"give {wanted}") from None
+        expected = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
+        raise InputError(f"key '{key}' cannot be used", where, f"give {expected}") from None
     if (largest := np.abs(numbers).max(initial=0.0)) > most:
         raise InputError(f"key '{key}' holds {largest:g}", where, f"give at most {most:g}, in SI units")
     return numbers

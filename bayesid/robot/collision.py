@@ -1,10 +1,9 @@
-"""A robot's distance from itself and from the floor, in poses and on whole paths; which pairs of shapes count.
+"""A robot's distance from itself and from the floor, in poses and on whole paths; the checked pairs of shapes.
 
-Pinocchio moves the shapes and coal measures the distances. How fast these can change has a bound: where one joint alone
-moves, one of two bodies turns about its axis as seen from the other. No point moves faster than its distance from the
-axis times the joint's speed, and neither does the distance between the bodies change; it makes no difference which of
-them is held to move, so that the nearer one's reach counts. A joint that slides has 1. The sum over the joints between
-the bodies bounds what all of them do together.
+Pinocchio moves the shapes and coal measures the distances. The rate of a distance is bounded: if one revolute joint
+moves, a body turns about its axis relative to the other, and no point is faster than its distance from the axis times
+the joint's speed. Either body may count as the moving one, so the nearer one gives the bound. A prismatic joint has the
+bound 1. The sum over the joints between two bodies bounds the rate of all of them together.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from bayesid.robot.shapes import BASE, Shape, capsule_shapes, floor_shape, uprig
 
 Pair = tuple[Shape, Shape]
 FINEST = 1e-3
-"""m; how far distances may change in the shortest part of a path that is looked at: a tenth of the usual margin."""
+"""m; change of distance below which a part of a path is not halved again: a tenth of the default margin."""
 ACCURACY = 1e-5  # m that a computed distance may be too long: ten times the tolerance of coal's iterations
 
 
@@ -33,13 +32,13 @@ class CollisionModel:
     """The shapes of a robot's links and of the floor.
 
     Attributes:
-        source: what the shapes are, in a sentence.
-        margin: m that all distances shall keep.
-        pairs: links whose distances count, and links with the floor, which is called `floor`.
-        left_out: pairs nearer than the margin in a pose where the robot has been, so that their shapes are wider than
-            the links: the parts that are do not count.
-        inseparable: pairs of links which do not share a joint, but parts of whose capsules are nearer than the margin
-            in every pose; these parts do not count.
+        source: description of the shapes, one sentence.
+        margin: minimum distance, m.
+        pairs: names of the checked pairs of links, or of a link and `floor`.
+        left_out: pairs with shapes closer than the margin in a pose of the log, so wider than the links; these shapes
+            are not checked.
+        inseparable: pairs of links without a common joint, with capsules closer than the margin in every pose; these
+            capsules are not checked.
     """
 
     source: str
@@ -53,7 +52,7 @@ class CollisionModel:
 
     @property
     def not_watched(self) -> tuple[str, ...]:
-        """Pairs of which parts do not count, and why, in sentences."""
+        """Pairs that are not fully checked, with the reason, as sentences."""
         near = f"nearer than {self.margin:g} m"
         reasons = (
             (self.left_out, f"{near} where the robot has been: their shapes are wider than the links"),
@@ -63,21 +62,21 @@ class CollisionModel:
         return tuple(f"parts of {pairs} ({reason})" for pairs, reason in named)
 
     def distance(self, q: Array) -> Array:
-        """(N,) the least distance of all pairs in poses (N, n), m; below zero where they overlap."""
+        """(N,) least distance of all pairs in poses (N, n), m; negative if they overlap."""
         return self._distances(q).min(axis=1)
 
     def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
-        """The least distance of a pose (n,), m, and its pair."""
+        """Least distance in a pose (n,), m, and its pair."""
         (distances,) = self._distances(np.asarray(q)[None])
         least = int(distances.argmin())
-        one, other = self._distances.pairs[least]
-        return float(distances[least]), (one.name, other.name)
+        first, second = self._distances.pairs[least]
+        return float(distances[least]), (first.name, second.name)
 
     def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
-        """Whether all distances are certainly no less than the margin, between the samples too.
+        """Whether all distances provably keep the margin, also between the samples.
 
-        In an interval no distance changes by more than the joints' speeds times what each can move the pair; where
-        the distance in its middle does not allow for that, its halves are looked at, until they move `FINEST`.
+        In an interval a distance changes by at most the joints' speeds times their rates. If the distance in its middle
+        does not prove the margin, its halves are tried, down to changes of `FINEST`.
 
         Args:
             path: positions (M, n) of the joints at instants (M,).
@@ -85,7 +84,7 @@ class CollisionModel:
             speed: (n,) or (K, n) bounds of the joints' speeds in the intervals, rad/s or m/s.
 
         Returns:
-            False also where it is neither shown that they are nor that they are not.
+            False also if neither is proven.
         """
         t = np.asarray(t, dtype=float)
         middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0
@@ -96,14 +95,14 @@ class CollisionModel:
             unsure = distances < self.margin + ACCURACY + change
             if (unsure & ((distances < self.margin + ACCURACY) | (change < FINEST))).any():
                 return False
-            left = unsure.any(axis=1)
-            half = np.repeat(half[left] / 2.0, 2)
-            middle = np.repeat(middle[left], 2) + half * np.tile([-1.0, 1.0], left.sum())
-            change = np.repeat(change[left] / 2.0, 2, axis=0)
+            undecided = unsure.any(axis=1)
+            half = np.repeat(half[undecided] / 2.0, 2)
+            middle = np.repeat(middle[undecided], 2) + half * np.tile([-1.0, 1.0], undecided.sum())
+            change = np.repeat(change[undecided] / 2.0, 2, axis=0)
         return True
 
     def _most_rates(self, travel: Array) -> Array:
-        """(P, n) m that each joint can bring a pair nearer by, per unit of its motion."""
+        """(P, n) highest rate of each pair's distance, m per unit of each joint's motion."""
         travel = np.where(self._reach.slides, 0.125 * np.ceil(travel / 0.125), 0.0)  # rounded up: few are computed
         key = travel.tobytes()
         if key not in self._rates:
@@ -113,7 +112,7 @@ class CollisionModel:
 
 @dataclass(frozen=True)
 class NoShapes:
-    """Why a robot has no collision model; `too_near` if links could meet, but are nearer than the margin anyway."""
+    """Why a robot has no collision model; `too_near` if all pairs are closer than the margin."""
 
     reason: str
     too_near: bool = False
@@ -124,8 +123,8 @@ class Capsules:
     """Capsules in place of a robot's own shapes.
 
     Attributes:
-        radii: m, one for all links or one for each, from base to tip; the base has that of the first.
-        tool: (3,) the end of what is mounted on the flange, in the last link's frame, m.
+        radii: m, one for all links or one per link, from base to tip; the base has that of the first.
+        tool: (3,) end of the tool, in the last link's frame, m.
     """
 
     radii: float | Sequence[float]
@@ -144,30 +143,28 @@ def collision_model(
 
     Args:
         robot: as `load_robot` gives it.
-        rest: (n,) or (M, n) poses where the robot has been, rad or m: what is too near there does not count.
-        capsules: radii of the links; without them a robot needs a URDF that has shapes.
-        floor: height of the floor over the base's origin, against gravity, m; None for no floor.
-        margin: m that the motion shall keep from all that counts; links that never keep it, or did not where the robot
-            has been, do not count.
-        folders: where packages of meshes are looked for first; then in ROS_PACKAGE_PATH and above the URDF.
+        rest: (n,) or (M, n) poses of the robot in the log, rad or m; pairs too close there are not checked.
+        capsules: radii of the links; needed unless a URDF has shapes.
+        floor: height of the floor above the base's origin, against gravity, m; None for no floor.
+        margin: minimum distance, m; pairs that never keep it, or did not in the log, are not checked.
+        folders: folders searched first for mesh packages; then ROS_PACKAGE_PATH and above the URDF.
 
     Returns:
-        The model, or why there is none: no shapes are known, or there is nothing that could meet.
+        The model, or the reason for none: no shapes are known, or nothing can collide.
 
     Raises:
-        InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
-            where the robot has been; or all that could meet is nearer than the margin anyway, so that capsules tell
-            nothing.
+        InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin, in
+            the log; or all pairs are nearer than the margin, so the capsules are too wide.
     """
     if capsules is not None:
         shapes, radii = capsule_shapes(robot, capsules.radii, capsules.tool), np.unique(capsules.radii)
         between = f"{radii[0]:g}" if len(radii) == 1 else f"{radii[0]:g} to {radii[-1]:g}"
         source = f"capsules of {between} m about the lines between the joints"
     elif robot.origin is None or robot.origin.urdf is None:
-        return NoShapes(f"robot {robot.name} is no URDF: the shapes of its links are not known")
+        return NoShapes(f"robot {robot.name} is not from a URDF: the shapes of its links are not known")
     else:
         shapes = urdf_shapes(robot.origin, robot.n_joints, folders)
-        source = f"collision shapes of {robot.origin.urdf.name} (of meshes the convex hulls){_bare(robot, shapes)}"
+        source = f"collision shapes of {robot.origin.urdf.name} (convex hulls of meshes){_bare(robot, shapes)}"
     if not shapes:
         return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
     size = float(np.linalg.norm(robot.gravity))
@@ -180,66 +177,68 @@ def collision_model(
         source += f", floor {floor:g} m above the base's origin, against gravity"
     found = _of_pairs(robot, shapes, np.atleast_2d(rest), up, floor, margin, source)
     if isinstance(found, NoShapes) and found.too_near and capsules is not None:
-        remedy = "give narrower ones or a smaller `margin`, or leave it out"
+        remedy = "give narrower capsules or a smaller `margin`, or leave it out"
         raise InputError(found.reason, field="capsules", remedy=remedy)
     return found
 
 
 def _of_pairs(
-    robot: Robot, shapes: Sequence[Shape], rest: Array, up: Array, floor: float | None, margin: float, source: str
+    robot: Robot, shapes: Sequence[Shape], poses: Array, up: Array, floor: float | None, margin: float, source: str
 ) -> CollisionModel | NoShapes:
-    """With the pairs that count where a robot has been in poses `rest` (M, n)."""
+    """The model with the pairs to check, given poses (M, n) of the log."""
     pairs = [pair for pair in combinations(shapes, 2) if not _adjacent(robot, *pair)]
     if floor is not None:
         ground = floor_shape(up, floor)
         pairs += [(shape, ground) for shape in shapes if shape.body != BASE]
     together = _never_apart(robot, pairs, margin)
     apart = [pair for pair in pairs if pair not in together]
-    nearest = PairDistances(robot, apart)(rest).min(axis=0, initial=np.inf)
+    nearest = PairDistances(robot, apart)(poses).min(axis=0, initial=np.inf)
     wide = [pair for pair, distance in zip(apart, nearest, strict=True) if distance < margin]
     if floor is not None:
         _check_floor(robot, floor, apart, nearest, margin)
     reach = Reach(robot, up)
     moves: Mask = np.any(reach.rates(apart, np.ones(robot.n_joints)), axis=1)
-    kept = [pair for pair, one_moves in zip(apart, moves, strict=True) if one_moves and pair not in wide]
+    kept = [pair for pair, can_move in zip(apart, moves, strict=True) if can_move and pair not in wide]
     if not kept and (wide or together):
-        near = f"all distances are less than {margin:g} m, in every pose or where the robot has been"
+        near = f"all distances are less than {margin:g} m, in every pose or in the log"
         return NoShapes(near, too_near=True)
     if not kept:
-        return NoShapes("the robot has no two links, nor one and the floor, whose distance could tell anything")
+        return NoShapes("the robot has no pair of links, or of a link and the floor, with a variable distance")
     distances = PairDistances(robot, kept)
     return CollisionModel(source, margin, _named(kept), _named(wide), _named(together), distances, reach)
 
 
 def _never_apart(robot: Robot, pairs: Sequence[Pair], margin: float) -> list[Pair]:
-    """Pairs of capsules that no pose takes as far apart as the margin, by many poses drawn at random."""
-    round_ones = [pair for pair in pairs if all(shape.round or shape.floor for shape in pair)]
+    """Pairs of capsules that keep the margin in none of many random poses."""
+    round_pairs = [pair for pair in pairs if all(shape.round or shape.floor for shape in pair)]
     drawn = np.random.default_rng(0).uniform(-np.pi, np.pi, (1000, robot.n_joints))
-    farthest = PairDistances(robot, round_ones)(drawn).max(axis=0, initial=-np.inf)
-    return [pair for pair, distance in zip(round_ones, farthest, strict=True) if distance <= margin + 1e-9]
+    farthest = PairDistances(robot, round_pairs)(drawn).max(axis=0, initial=-np.inf)
+    return [pair for pair, distance in zip(round_pairs, farthest, strict=True) if distance <= margin + 1e-9]
 
 
 def _check_floor(robot: Robot, height: float, pairs: Sequence[Pair], nearest: Array, margin: float) -> None:
-    """InputError if a link that the base does not carry was below the floor, or nearer to it than the margin."""
-    carried: Mask = np.array([other.floor and robot.joints[one.body].parent != BASE for one, other in pairs], bool)
+    """InputError if a link was below the floor or closer to it than the margin, except links on the base."""
+    carried: Mask = np.array(
+        [partner.floor and robot.joints[shape.body].parent != BASE for shape, partner in pairs], bool
+    )
     distance = float(nearest.min(where=carried, initial=np.inf))
     if distance >= margin:
         return
     lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
     lower = np.floor(100.0 * (height + distance - margin)) / 100.0
     side = "below" if distance < 0.0 else "above"
-    said = f"{pairs[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
-    remedy = f"give the floor's height over the base's origin, {lower:g} or less, or none, or narrower capsules"
-    raise InputError(said, f"{height:g}", remedy, field="floor")
+    what = f"{pairs[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
+    remedy = f"give the floor's height above the base's origin, {lower:g} or less, or none, or narrower capsules"
+    raise InputError(what, f"{height:g}", remedy, field="floor")
 
 
-def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
-    a, b = one.body, other.body
+def _adjacent(robot: Robot, first: Shape, second: Shape) -> bool:
+    a, b = first.body, second.body
     return a == b or (a != BASE and robot.joints[a].parent == b) or (b != BASE and robot.joints[b].parent == a)
 
 
 def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:
-    return tuple(dict.fromkeys((one.name, other.name) for one, other in pairs))
+    return tuple(dict.fromkeys((first.name, second.name) for first, second in pairs))
 
 
 def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
@@ -251,7 +250,7 @@ def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
 
 # ---- Distances and how fast they change ----
 class PairDistances:
-    """Distances of P pairs of shapes, m; below zero where they overlap."""
+    """Distances of P pairs of shapes, m; negative if they overlap."""
 
     def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
         self.pairs, self._robot = tuple(pairs), robot
@@ -259,8 +258,8 @@ class PairDistances:
         for shape in dict.fromkeys(shape for pair in pairs for shape in pair):
             made = pin.GeometryObject(str(len(place)), shape.body + 1, pin.SE3(shape.place), shape.solid)
             place[shape] = self._geometry.addGeometryObject(made)
-        for one, other in pairs:
-            self._geometry.addCollisionPair(pin.CollisionPair(place[one], place[other]))
+        for first, second in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(place[first], place[second]))
         rods = [shape for shape in place if shape.rod]
         self._rods = [(shape.body, self._geometry.geometryObjects[place[shape]]) for shape in rods]
         self._data, self._measured = robot.pinocchio.createData(), pin.GeometryData(self._geometry)
@@ -269,17 +268,17 @@ class PairDistances:
         """(N, P) in poses (N, n)."""
         found = np.empty((len(q), len(self.pairs)))
         for row, pose in zip(found, np.asarray(q, dtype=float), strict=True):
-            for body, rod in self._rods:  # from where the joint would be at zero to where it is
+            for body, rod in self._rods:  # from the joint's zero to its position
                 axis = self._robot.joints[body].axis
                 rod.geometry.halfLength = 0.5 * abs(pose[body])
                 rod.placement = pin.SE3(upright(axis), -0.5 * pose[body] * axis)
             pin.computeDistances(self._robot.pinocchio, self._data, self._geometry, self._measured, pose)
-            row[:] = [one.min_distance for one in self._measured.distanceResults]
+            row[:] = [result.min_distance for result in self._measured.distanceResults]
         return found
 
 
 class Reach:
-    """Bounds of how fast distances change; `up` (3,) is the unit normal of the floor in the base's frame."""
+    """Bounds of the rates of distances; `up` (3,) is the unit normal of the floor in the base's frame."""
 
     def __init__(self, robot: Robot, up: Array) -> None:
         frames = robot.joint_frames(np.zeros(robot.n_joints))
@@ -290,9 +289,9 @@ class Reach:
         self._raised = self._raising(up)
 
     def _raising(self, up: Array) -> Array:
-        """(n,) share of a joint's motion that is along the floor's normal at most.
+        """(n,) highest share of a joint's motion along the floor's normal.
 
-        It is less than 1 where no pose tilts the joint's axis: all joints before it slide, or turn about the normal.
+        It is below 1 if no pose tilts the joint's axis: all joints before it slide, or turn about the normal.
         """
         turning = np.linalg.norm(np.cross(self._axes, up), axis=1)
         tilts = ~self.slides & (turning > 1e-9)  # beyond rounding
@@ -301,29 +300,26 @@ class Reach:
         return np.where(tilted, 1.0, np.where(share > 1e-9, share, 0.0))
 
     def rates(self, pairs: Sequence[Pair], travel: Array) -> Array:
-        """(P, n) m by which distances change at most, per unit of each joint's motion.
-
-        A sliding joint goes as far from zero as its `travel` (n,), m.
-        """
+        """(P, n) highest rates of distances, m per unit of each joint's motion; `travel` (n,) bounds |q|, m."""
         travel = np.where(self.slides, np.abs(travel), 0.0)
         return np.array([self._rate(*pair, travel) for pair in pairs]).reshape(-1, len(travel))
 
-    def _rate(self, one: Shape, other: Shape, travel: Array) -> Array:
+    def _rate(self, first: Shape, second: Shape, travel: Array) -> Array:
         rate = np.zeros(len(travel))
-        up, down = (self._robot.to_base(shape.body) for shape in (one, other))
+        up, down = (self._robot.to_base(shape.body) for shape in (first, second))
         path = [k for k in up if k not in down] + [k for k in down[::-1] if k not in up]
-        rate[path] = self._reaches(one, path, travel)
-        if other.floor:
+        rate[path] = self._reaches(first, path, travel)
+        if second.floor:
             rate *= self._raised
         else:
-            rate[path] = np.minimum(rate[path], self._reaches(other, path[::-1], travel)[::-1])
-        for shape in (one, other):
+            rate[path] = np.minimum(rate[path], self._reaches(second, path[::-1], travel)[::-1])
+        for shape in (first, second):
             if shape.rod:
                 rate[shape.body] = 1.0
         return rate
 
     def _reaches(self, shape: Shape, path: Sequence[int], travel: Array) -> Array:
-        """How far a shape is from the axes of joints on the way from it at most, m; 1 of a joint that slides."""
+        """Largest distance of a shape from the axes of the joints on a path, m; 1 for a prismatic joint."""
         frame, reaches, so_far = self._at_zero[shape.body], [], travel[shape.body] if shape.rod else 0.0
         points = shape.corners @ frame[:3, :3].T + frame[:3, 3]
         for k in path:

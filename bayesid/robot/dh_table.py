@@ -24,8 +24,8 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     if convention == "chain":
         return _robot_from_chain(table, where)
     if convention not in ("standard", "modified"):
-        said = "key 'convention' is missing" if convention is None else f"unknown convention {convention!r}"
-        raise InputError(said, where, 'give convention = "standard" or "modified"')
+        what = "key 'convention' is missing" if convention is None else f"unknown convention {convention!r}"
+        raise InputError(what, where, 'give convention = "standard" or "modified"')
     rows = table.get("joints")
     if not isinstance(rows, list) or not rows:
         raise InputError(
@@ -100,8 +100,8 @@ def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
     except InputError:
         raise
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        said = f"is not a robot written by bayesid ({printable(str(error))})"
-        raise InputError(said, where, "restore the table as bayesid wrote it") from None
+        what = f"is not a robot written by bayesid ({printable(str(error))})"
+        raise InputError(what, where, "restore the table as bayesid wrote it") from None
 
 
 def _chain_joint(row: Mapping[str, Any], where: str) -> Joint:

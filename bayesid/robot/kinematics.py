@@ -30,8 +30,8 @@ class Pose:
     @cached_property
     def axes(self) -> Array:
         """(n, 3) unit axes of the joints."""
-        own = np.stack([joint.axis for joint in self.robot.joints])
-        return np.einsum("nij,nj->ni", self.joint_frames[:, :3, :3], own)
+        local_axes = np.stack([joint.axis for joint in self.robot.joints])
+        return np.einsum("nij,nj->ni", self.joint_frames[:, :3, :3], local_axes)
 
     @property
     def flange(self) -> Array:
@@ -42,10 +42,10 @@ class Pose:
 
     @cached_property
     def lines(self) -> tuple[Array, ...]:
-        """(4, 3) for each joint, and (3, 3) for the flange: the way there from the joint before, as tables measure it.
+        """(4, 3) points from the parent to each joint, and (3, 3) from the last joint to the flange, as in DH tables.
 
-        From the parent joint's origin (the base's for the first joint) along its axis, straight to the nearest point of
-        the joint's own axis, and along that to its origin; for the flange along the last axis, and straight to it.
+        The points are the parent's origin (the base's for the first joint), the nearest points of the parent's and the
+        joint's axes, and the joint's origin. To the flange: the last origin, the nearest point of its axis, the flange.
         """
         origins, lines = self.joint_frames[:, :3, 3], []
         for i, joint in enumerate(self.robot.joints):
@@ -62,7 +62,7 @@ class Pose:
 
 
 def nearest_points(start: Array, along: Array, end: Array, axis: Array) -> tuple[Array, Array]:
-    """Nearest points of two lines; for parallel lines the point given for the first."""
+    """Nearest points of two lines; for parallel lines the first is its given point."""
     normal = np.cross(along, axis)
     size, between = float(normal @ normal), end - start
     if size < TUNING.parallel_axes**2:
@@ -90,7 +90,7 @@ def reach(robot: Robot, joint: int | None = None) -> float:
     >>> round(reach(load_robot("kr6r900"), joint=5), 4)
     0.9015
     """
-    free = np.array([not one.prismatic for one in robot.joints])
+    free = np.array([not each.prismatic for each in robot.joints])
     free[0] = False
     rng = np.random.default_rng(0)
     starts = rng.uniform(-np.pi, np.pi, (TUNING.reach_starts, int(free.sum())))

@@ -1,13 +1,12 @@
 """Loads robots by name or from a file, and compares their joints with a log.
 
-Robots that come with bayesid are Denavit-Hartenberg files in the folder robots/, each named after its file. They hold
-what `robot_from_table` reads, and three keys more: `description` (maker and models), `source` (where the numbers are
-published) and `notes` (what the positions count, where the last frame sits).
+Built-in robots are Denavit-Hartenberg files in the folder robots/, each named after its file. They hold the keys of
+`robot_from_table` and three more: `description` (maker and models), `source` (where the numbers are published) and
+`notes` (meaning of the positions, place of the last frame).
 
-URDF files of installed packages go by the names that these packages use; nothing is imported or downloaded.
-example-robot-data holds its files. robot_descriptions names files of git repositories, which it clones when one of its
-modules is imported: here only what its modules assign is evaluated, and a file counts where an earlier clone is in its
-cache.
+URDF files of installed packages have the names of these packages; nothing is imported or downloaded. example-robot-data
+holds its files. robot_descriptions clones git repositories when one of its modules is imported. Here only the modules'
+assignments are evaluated, and files are used if an earlier clone is in the cache.
 """
 
 from __future__ import annotations
@@ -68,14 +67,14 @@ def load_robot(
             with a, alpha, d, theta; m and rad; optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N),
             optional `gravity` (m/s^2) and `transmission`. Names of example-robot-data and of robot_descriptions are
             known where these are installed.
-        tip: of a URDF: link or joint at the end of the chain that is identified; all others are held. By default all
+        tip: for a URDF: link or joint at the end of the identified chain; all other joints are held. By default all
             chains are identified, but not grippers.
-        hold: of a URDF: positions at which more joints are held, rad or m, by name.
-        gravity: (3,) its acceleration in the base frame, m/s^2, instead of the file's: (0, 0, 9.81) for a base upside
-            down, (0, 0, 0) for efforts that hold no weight.
+        hold: for a URDF: positions of further held joints, rad or m, by name.
+        gravity: (3,) acceleration of gravity in the base frame, m/s^2, instead of the file's: (0, 0, 9.81) for a base
+            upside down, (0, 0, 0) for gravity-compensated efforts.
 
     Returns:
-        The robot; its `notes` say which joints are held, and whether its base is only taken as fixed.
+        The robot; its `notes` list held joints, and a base that is assumed to be fixed.
 
     Raises:
         InputError: no such robot, the file cannot be read as one, or it has no such link or joint.
@@ -108,14 +107,14 @@ def load_robot(
 
 
 def _of_table(table: Mapping[str, Any], chosen: Origin) -> Robot:
-    """A robot made in Python, without an origin."""
+    """A robot from a table in Python, without an origin."""
     return replace(_from_table(table, f"robot {table.get('name', '')!s:.60}".rstrip(), chosen))
 
 
 def _from_table(table: Mapping[str, Any], where: str, chosen: Origin) -> Robot:
     for name, value in (("tip", chosen.tip), ("hold", chosen.hold)):
         if value:
-            raise InputError("is a table of one chain, with all joints identified", where, f"leave `{name}` out")
+            raise InputError("is a table of one chain; all its joints are identified", where, f"leave `{name}` out")
     return _loaded(robot_from_table(table, where), chosen)
 
 
@@ -152,18 +151,19 @@ def built_in_table(name: str) -> dict[str, Any]:
 
 # ---- Robots of installed packages ----
 def alias_note(name: str) -> str | None:
-    """Remark on a robot whose zeros differ from the controller's, or None."""
-    own = ALIASES.get(name)
-    if own is None:
+    """Note on a robot whose zeros differ from the controller's, or None."""
+    table_name = ALIASES.get(name)
+    if table_name is None:
         return None
-    return f"{name} is {own}, with zeros of its own; for positions of the controller give {CONTROLLERS[own]}"
+    remedy = f"for positions of the controller give {CONTROLLERS[table_name]}"
+    return f"the zeros of {name} ({table_name}) are not the controller's; {remedy}"
 
 
 def installed_urdf(name: str) -> Path | None:
     """File of a robot in an installed package; None if no package has the name.
 
     Names are those of example-robot-data's loaders or files, and of robot_descriptions, with or without `_description`;
-    InputError where these know the name, but its file is not here.
+    InputError if the file of a known name is missing.
     """
     if name in _robot_data():
         return _robot_data()[name]
@@ -234,7 +234,7 @@ def _cache_folder() -> Path:
 
 
 def _assigned(module: Path, **imported: Any) -> dict[str, Any]:
-    """What a module assigns, with names in place of what it imports; what needs others is left out."""
+    """Assignments of a module, with `imported` in place of its imports; those that need other names are left out."""
     names = {"__builtins__": {}, **imported}
     for node in ast.parse(module.read_text(encoding="utf-8")).body:
         target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
@@ -246,25 +246,25 @@ def _assigned(module: Path, **imported: Any) -> dict[str, Any]:
 
 # ---- Joints of a log ----
 def check_joints(robot: Robot, count: int, source: str) -> None:
-    """InputError unless log and robot have equally many joints; it names options that choose a matching chain."""
+    """InputError unless log and robot have equally many joints; it names options that select a matching chain."""
     if count == robot.n_joints:
         return
-    said = f"the log has {count} joints, but robot {robot.name} has {robot.n_joints}"
+    what = f"the log has {count} joints, but robot {robot.name} has {robot.n_joints}"
     remedy = "give matching log and robot"
     if count > robot.n_joints:
-        said += f" ({', '.join(robot.notes)})" if robot.notes else ""
-        remedy += " (or, with `columns`, those of the robot's joints alone)"
+        what += f" ({', '.join(robot.notes)})" if robot.notes else ""
+        remedy += " (or select only the robot's joints with `columns`)"
     elif chains := chains_of(robot, count):
         remedy += f", or choose its chain of {count} joints by {', or by '.join(chains[: TUNING.named_chains])}"
-    raise InputError(said, source, remedy)
+    raise InputError(what, source, remedy)
 
 
 def chains_of(robot: Robot, count: int) -> list[str]:
-    """Options that choose a chain of so many joints, from a robot with more.
+    """Options that select a chain of so many joints from a robot with more.
 
-    A chain begins at the base or after a joint that carries several, a torso's last say, and then the joints before it
-    are held; it ends at a joint that carries none or several. Those with the fewest held are named; where there is
-    none, a chain may end anywhere.
+    A chain begins at the base, or after a joint that carries several, such as a torso's last; the joints before it are
+    held. It ends at a joint that carries none or several, or anywhere if there is no such chain. Chains with the fewest
+    held joints are listed.
     """
     names = [joint.name for joint in robot.joints]
     paths = [robot.to_base(k)[::-1] for k in range(robot.n_joints)]

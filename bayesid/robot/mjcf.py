@@ -1,7 +1,7 @@
-"""Robots from files of MuJoCo (MJCF), the kinematics alone: bodies in one another, with hinges and slides.
+"""Robots from files of MuJoCo (MJCF): kinematics only, nested bodies with hinges and slides.
 
-Defaults by class, angles in degrees or radians and all ways to turn a body are read as MuJoCo's XML reference has them.
-What a plain tree does not have, such as files that are included, is refused.
+Defaults by class, angles in degrees or radians, and all forms of orientation are read as in MuJoCo's XML reference.
+Other structures, such as included files, are refused.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def is_mjcf(text: str) -> bool:
 
 
 def robot_from_mjcf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
-    """A robot from MJCF text; InputError where it is none, or no plain tree of hinges and slides."""
+    """A robot from MJCF text; InputError if it is not a plain tree of hinges and slides."""
     try:
         root = xml_of(text, where)
     except ET.ParseError as error:
@@ -48,7 +48,7 @@ def robot_from_mjcf(text: str, where: str, tip: str | None = None, hold: Mapping
         raise InputError("holds no <worldbody>", where, "give the file of a robot")
     if sum(1 for _ in root.iter("body")) > TUNING.most_links:
         raise InputError(f"has more than {TUNING.most_links} bodies", where, "give only the robot")
-    compiler = {key: value for one in root.findall("compiler") for key, value in one.attrib.items()}
+    compiler = {key: value for element in root.findall("compiler") for key, value in element.attrib.items()}
     angle = 1.0 if compiler.get("angle") == "radian" else np.pi / 180.0
     reader = _Reader(where, angle, compiler.get("eulerseq", "xyz"), _defaults(root))
     joints = tuple(reader.joints(world, "world", np.eye(4), ""))
@@ -81,7 +81,7 @@ class _Reader:
     defaults: _Defaults
 
     def joints(self, body: ET.Element, link: str, offset: Array, given: str) -> Iterator[UrdfJoint]:
-        """Joints beyond a link, whose body's frame is at (4, 4) `offset` in it; of a class unless they say another."""
+        """Joints beyond a link with its body's frame at `offset` (4, 4), by default of the class `given`."""
         for place, child in enumerate(body.findall("body")):
             name = child.get("name") or f"{link}_{place + 1}"
             here, chosen = offset @ self._frame(child, name), child.get("childclass", given)
@@ -90,16 +90,18 @@ class _Reader:
             inner, parent = here, link
             moving = child.findall("joint")
             for k, joint in enumerate(moving):
-                said = {**self.defaults.get(joint.get("class", chosen), {}), **joint.attrib}
+                attributes = {**self.defaults.get(joint.get("class", chosen), {}), **joint.attrib}
                 called = joint.get("name") or f"{name}_joint{k + 1}"
-                kind = _KINDS.get(said.get("type", "hinge"))
+                kind = _KINDS.get(attributes.get("type", "hinge"))
                 if kind is None:
-                    raise InputError(f"is of type {said.get('type')}", f"{self.where}, joint {called}", "give hinges")
+                    raise InputError(
+                        f"is of type {attributes.get('type')}", f"{self.where}, joint {called}", "give hinges"
+                    )
                 at, end = (
-                    self._numbers(said, "pos", "0 0 0", called),
+                    self._numbers(attributes, "pos", "0 0 0", called),
                     name if joint is moving[-1] else f"{name}_{k + 1}",
                 )
-                axis = self._numbers(said, "axis", "0 0 1", called)
+                axis = self._numbers(attributes, "axis", "0 0 1", called)
                 if np.linalg.norm(axis) < 1e-6:
                     raise InputError("key 'axis' is zero", f"{self.where}, joint {called}", "give a direction")
                 moved, back = np.eye(4), np.eye(4)
@@ -118,29 +120,29 @@ class _Reader:
 
     def _frame(self, element: ET.Element, name: str) -> Array:
         """(4, 4) of a body or a site in its parent's frame."""
-        frame, said = np.eye(4), element.attrib
-        frame[:3, 3] = self._numbers(said, "pos", "0 0 0", name)
-        if "quat" in said:
-            w, *xyz = self._numbers(said, "quat", "", name, 4)
+        frame, attributes = np.eye(4), element.attrib
+        frame[:3, 3] = self._numbers(attributes, "pos", "0 0 0", name)
+        if "quat" in attributes:
+            w, *xyz = self._numbers(attributes, "quat", "", name, 4)
             turn = Rotation.from_quat([*xyz, w])
-        elif "euler" in said:
-            values = self.angle * self._numbers(said, "euler", "", name)
+        elif "euler" in attributes:
+            values = self.angle * self._numbers(attributes, "euler", "", name)
             turn = Rotation.from_euler(self.sequence.swapcase(), values)
-        elif "axisangle" in said:
-            *axis, angle = self._numbers(said, "axisangle", "", name, 4)
+        elif "axisangle" in attributes:
+            *axis, angle = self._numbers(attributes, "axisangle", "", name, 4)
             turn = Rotation.from_rotvec(np.array(axis) / (np.linalg.norm(axis) or 1.0) * angle * self.angle)
-        elif "xyaxes" in said:
-            x, y = self._numbers(said, "xyaxes", "", name, 6).reshape(2, 3)
+        elif "xyaxes" in attributes:
+            x, y = self._numbers(attributes, "xyaxes", "", name, 6).reshape(2, 3)
             x = x / (np.linalg.norm(x) or 1.0)
             y = y - x * (x @ y)
             y = y / (np.linalg.norm(y) or 1.0)
             turn = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
-        elif "zaxis" in said:
-            turn, _ = Rotation.align_vectors([self._numbers(said, "zaxis", "", name)], [[0.0, 0.0, 1.0]])
+        elif "zaxis" in attributes:
+            turn, _ = Rotation.align_vectors([self._numbers(attributes, "zaxis", "", name)], [[0.0, 0.0, 1.0]])
         else:
             return frame
         frame[:3, :3] = turn.as_matrix()
         return frame
 
-    def _numbers(self, said: Mapping[str, str], key: str, usual: str, name: str, count: int = 3) -> Array:
-        return given_numbers(said.get(key, usual).split(), (count,), key, f"{self.where}, {name}")
+    def _numbers(self, attributes: Mapping[str, str], key: str, usual: str, name: str, count: int = 3) -> Array:
+        return given_numbers(attributes.get(key, usual).split(), (count,), key, f"{self.where}, {name}")

@@ -38,7 +38,7 @@ class Shape:
     body: int  #: index of the joint that moves it; `BASE` for none
     solid: Any  #: what coal measures distances of
     place: Array  #: (4, 4) frame of the solid
-    #: whether it is a capsule from the joint's frame before the joint has moved: what slides out of a link
+    #: whether it is the capsule of a prismatic joint's extension, from its zero to its position
     rod: bool = False
 
     @property
@@ -48,7 +48,7 @@ class Shape:
 
     @property
     def floor(self) -> bool:
-        """Whether it is all that lies below a plane."""
+        """Whether it is the half space below a plane."""
         return isinstance(self.solid, coal.Halfspace)
 
     @cached_property
@@ -66,11 +66,10 @@ def floor_shape(up: Array, height: float) -> Shape:
 
 
 def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]) -> list[Shape]:
-    """One capsule a link, about the line from its joint to the next, as `Capsules` (`bayesid.robot.collision`) says.
+    """One capsule per link, about the line from its joint to the next (`bayesid.robot.collision.Capsules`).
 
-    The line of a link with an offset along an axis and a length across it has a corner, as a Denavit-Hartenberg step
-    has, and two capsules. The last link ends at its own frame, or at a point that is given in it. InputError where a
-    radius is not positive, or there is not one for each, or the tool's end is no point.
+    A link with both an offset along an axis and a length across it has a corner, as in a Denavit-Hartenberg step, and
+    two capsules. The last link ends at its own frame, or at the tool's end. InputError for invalid radii or tool.
     """
     widths, end = _widths(robot, radii), np.asarray(tool, dtype=float)
     if end.shape != (3,) or not np.isfinite(end).all():
@@ -104,7 +103,7 @@ def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
     remedy = f"give one radius in m, or {robot.n_joints} from base to tip"
     if len(given) != robot.n_joints:
         raise InputError(f"{len(given)} radii, but {robot.n_joints} links", field="capsules", remedy=remedy)
-    if not all(0.0 < one <= 10.0 for one in given):  # a larger one is in another unit
+    if not all(0.0 < radius <= 10.0 for radius in given):  # a larger one is in another unit
         raise InputError("a radius is not between 0 and 10 m", field="capsules", remedy=remedy)
     return given
 
@@ -140,8 +139,8 @@ def _pieces(corners: Array) -> Iterator[Array]:
 def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = ()) -> list[Shape]:
     """Shapes of <collision> elements of a robot that was loaded from a URDF, in the frames of the joints that move.
 
-    Packages of meshes are looked for in the folders first. InputError where a mesh is not found or cannot be read, a
-    number cannot be used, or the file is not what it was.
+    Mesh packages are searched in the folders first. InputError if a mesh is not found or cannot be read, a number is
+    invalid, or the file has changed.
     """
     assert origin.urdf is not None
     where = printable(str(origin.urdf))
@@ -168,13 +167,13 @@ def _mesh_file(name: str, urdf: Path, folders: Sequence[str | Path], where: str)
     """File of a mesh: in a package of the folders or above the URDF, or relative to the URDF."""
     above, listed = urdf.resolve().parents, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     inside = name.removeprefix(_PACKAGE)
-    package, _, rest = inside.partition("/")
+    package, _, relative = inside.partition("/")
     candidates = [above[0] / name.removeprefix(_FILE)]
     if name.startswith(_PACKAGE):
         places, candidates = [*map(Path, [*folders, *filter(None, listed)]), *above], []
         for folder in places:
-            candidates += [folder / inside, *([folder / rest] if folder.name == package else [])]
-        candidates += [folder / rest for folder in above]  # a renamed or partial package
+            candidates += [folder / inside, *([folder / relative] if folder.name == package else [])]
+        candidates += [folder / relative for folder in above]  # a renamed or partial package
     for path in candidates:
         try:
             if path.is_file():
@@ -224,7 +223,7 @@ def _mesh_hull(path: Path, scale: Array, where: str) -> tuple[Any, Array]:
 
 
 def _solid(found: ET.Element, urdf: Path, folders: Sequence[str | Path], where: str) -> tuple[Any, Array]:
-    """What a shape of a <collision> is, and its (4, 4) frame in the element's."""
+    """The solid of a <collision> shape, and its (4, 4) frame in the element's."""
 
     def length(key: str) -> float:
         value = float(given_numbers(found.get(key), (), f"{found.tag} {key}", where, TUNING.longest))

@@ -10,7 +10,7 @@ class Tuning:
     """Limits of robot files, and constants of their evaluation."""
 
     longest: float = 1e3
-    """m; longer links are refused. It does not detect tables in mm, which are mostly within it."""
+    """m; longer links are refused. Tables in mm mostly pass."""
     most_joints: int = 128
     """Maximum number of moving joints (recursion depth); example-robot-data has at most 48."""
     most_links: int = 512
@@ -20,7 +20,7 @@ class Tuning:
     opposed: float = 1e-3
     """Tolerance of opposite finger axes: rounding of written angles."""
     near_name: float = 0.8
-    """Similarity above which a name is proposed: four of five letters. Lower, `_description` makes all names alike."""
+    """Similarity above which a name is proposed: four of five letters. With less, all `_description` names match."""
     named_joints: int = 8
     """Maximum number of joints named in a sentence."""
     named_chains: int = 4
@@ -28,11 +28,11 @@ class Tuning:
     reach_starts: int = 8
     """Random start positions of the search for the reach; two of them suffice for all built-in robots."""
     parallel_axes: float = 0.1
-    """Sine of the angle below which axes count as parallel; those of calibrated robots intersect far away."""
+    """Sine of the angle below which axes count as parallel: nearly parallel axes of calibrated robots meet far away."""
     samples_at_once: int = 256
-    """Samples of a regressor transformed together; Pinocchio then takes most of the time."""
+    """Samples of a regressor transformed together: they fit into the processor's cache."""
     bodies_remembered: int = 4
-    """Cached sets of bodies: those of the links, and those that load the gears."""
+    """Cached sets of link parameters: the current ones and those of load-dependent effects."""
 
 
 TUNING = Tuning()

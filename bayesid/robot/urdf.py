@@ -1,8 +1,7 @@
-"""Robots from URDF files, the kinematics alone: joints that are identified, and those that are held at a position.
+"""Robots from URDF files: kinematics only, with identified joints and joints held at a position.
 
-What held joints carry belongs to their parents. A log holds the arm's joints. Those that it cannot hold are recognised
-by what the file says: joints that follow another one (<mimic>), joints without a motor (floating, planar), the fingers
-of a gripper, and, where a tip is named, all that are not on the chain to it.
+Bodies on held joints belong to their parents. Joints without a column in a log are detected in the file: <mimic>
+joints, joints without a motor (floating, planar), fingers of a gripper and, with `tip`, joints off the chain.
 """
 
 from __future__ import annotations
@@ -23,15 +22,15 @@ from bayesid.robot.urdf_tree import FREE, UrdfJoint, UrdfTree, read_tree
 
 _DOWN = np.array([0.0, 0.0, -9.81])  # m/s^2
 _FLANGES = "flange", "tool0", "tip", "tcp", "ee", "attachment_site"
-"""How links at the end of an arm are called, as ROS-Industrial has it first."""
+"""Usual names of links at the end of an arm, that of ROS-Industrial first."""
 _WORLD = "world"  # base link of a URDF that is bolted to the ground, by the convention of Gazebo and MoveIt
 
 
 def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
     """A robot from URDF text; `continuous` joints count as revolute, and fixed links belong to their parents.
 
-    Inertias and meshes do not matter, nor limits but those of efforts. What is held, `hold_joints` says. InputError if
-    the text is not a URDF, a name is not in it, or no joint is left to identify.
+    Inertias, meshes and limits are ignored, except effort limits. `hold_joints` decides the held joints. InputError if
+    the text is not a URDF, a name is not in it, or no joint remains.
     """
     return robot_from_tree(read_tree(text, where), where, tip, hold)
 
@@ -41,7 +40,7 @@ def robot_from_tree(
 ) -> Robot:
     """The same from a tree of joints."""
     held, notes = hold_joints(tree, tip, hold or {}, where)
-    check_count(sum(one.moves and one.name not in held for one in tree.joints), where)
+    check_count(sum(joint.moves and joint.name not in held for joint in tree.joints), where)
     joints, places = place_links(tree, held)
     if (end := _flange(tree, tip, places, len(joints) - 1)) is not None:
         joints[-1] = replace(joints[-1], tip=end)
@@ -49,9 +48,9 @@ def robot_from_tree(
 
 
 def _flange(tree: UrdfTree, tip: str | None, places: Mapping[str, tuple[int, Array]], last: int) -> Array | None:
-    """(4, 4) the flange in the last joint's frame: the tip, or what is fixed behind the joint; None where it is open.
+    """(4, 4) the flange in the last joint's frame: the tip, or the last fixed link; None if it is ambiguous.
 
-    Of several links that nothing is fixed to, the one by a usual name counts.
+    Of several last links, one with a usual name is used.
     """
     if tip is not None and tip in places:
         return places[tip][1] if places[tip][0] == last else None
@@ -64,21 +63,21 @@ def _flange(tree: UrdfTree, tip: str | None, places: Mapping[str, tuple[int, Arr
 
 
 def place_links(tree: UrdfTree, held: Mapping[str, float]) -> tuple[list[Joint], dict[str, tuple[int, Array]]]:
-    """The joints that move, and for each link the joint that carries it, -1 for none, and its (4, 4) frame in that's.
+    """The moving joints; and for each link its joint (-1 for the base) and (4, 4) frame in that joint's.
 
-    Joints that are held stand at a position, rad or m.
+    Held joints have a position, rad or m.
     """
     joints: list[Joint] = []
     places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}
-    for one in tree.joints:
-        parent, frame = places[one.parent]
-        frame = frame @ one.origin
-        if one.moves and one.name not in held:
-            slides, rated = one.kind == "prismatic", one.rated_effort
-            joints.append(Joint(frame, one.axis, slides, parent, name=one.name, rated_effort=rated))
-            places[one.child] = len(joints) - 1, np.eye(4)
+    for joint in tree.joints:
+        parent, frame = places[joint.parent]
+        frame = frame @ joint.origin
+        if joint.moves and joint.name not in held:
+            slides, rated = joint.kind == "prismatic", joint.rated_effort
+            joints.append(Joint(frame, joint.axis, slides, parent, name=joint.name, rated_effort=rated))
+            places[joint.child] = len(joints) - 1, np.eye(4)
         else:
-            places[one.child] = parent, frame @ _displacement(one, held.get(one.name, 0.0))
+            places[joint.child] = parent, frame @ _displacement(joint, held.get(joint.name, 0.0))
     return joints, places
 
 
@@ -95,17 +94,16 @@ def _displacement(joint: UrdfJoint, position: float) -> Array:
 def hold_joints(
     tree: UrdfTree, tip: str | None, hold: Mapping[str, float], where: str
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Positions of the joints that do not move in the model, rad or m, by name; why, and what the base is taken for.
+    """Positions of the held joints, rad or m, by name; and notes with the reasons, and on the base.
 
     Args:
         tree: the URDF.
-        tip: link or joint at the end of the chain that is identified; None for all chains but grippers.
-        hold: positions of more joints.
-        where: what to name in an error.
+        tip: link or joint at the end of the identified chain; None for all chains but grippers.
+        hold: positions of further joints.
+        where: location for errors.
 
     Raises:
-        InputError: a name is not in the file, a joint that follows another one carries joints that are identified, or
-            nothing is left to identify.
+        InputError: a name is not in the file, a <mimic> joint carries identified joints, or no joint remains.
     """
     positions = {name: _position(tree, name, value, where) for name, value in hold.items()}
     chain = None if tip is None else _chain(tree, tip, where)
@@ -129,7 +127,7 @@ def hold_joints(
         _sentence([joint.name for joint in off], f"not on the chain to {tip}"),
         _sentence([joint.name for joint in fingers], "a gripper is not identified"),
         *_mimic_notes(tree, mimics, identified, where),
-        _sentence([f"{name} (at {position:g})" for name, position in hold.items()], "as asked"),
+        _sentence([f"{name} (at {position:g})" for name, position in hold.items()], "by `hold`"),
         *_base_notes(tree, fingers),
     ]
     return positions, tuple(note for note in notes if note)
@@ -167,14 +165,14 @@ def _some(names: Sequence[str]) -> str:
 
 # ---- Grippers ----
 def _fingers(tree: UrdfTree) -> list[UrdfJoint]:
-    """Joints of grippers: one and those that follow it, with two ends or more; and two ends that oppose each other."""
+    """Joints of grippers: a joint with its followers, if two or more are last; and two opposed last joints."""
     found = {joint for group in _mimic_groups(tree) for joint in group}
     found |= {joint for pair in _opposed_ends(tree) for joint in pair}
     return [joint for joint in tree.joints if joint in found and joint.moves]
 
 
 def _mimic_groups(tree: UrdfTree) -> Iterator[list[UrdfJoint]]:
-    """Leaders with their followers, where nothing else moves beyond them; one end alone may be the arm's."""
+    """Leaders with their followers, if no other joint moves beyond them; a single end may be the arm's."""
     for leader in tree.joints:
         group = [leader, *(joint for joint in tree.joints if joint.leader == leader.name)]
         ends = [joint for joint in group if not tree.beyond(joint)]
@@ -184,7 +182,7 @@ def _mimic_groups(tree: UrdfTree) -> Iterator[list[UrdfJoint]]:
 
 
 def _opposed_ends(tree: UrdfTree) -> Iterator[tuple[UrdfJoint, UrdfJoint]]:
-    """Pairs of last joints of a kind on one body that moves, along opposite axes."""
+    """Pairs of last joints of one kind on a moving body, with opposite axes."""
     ends: dict[tuple[str, bool], list[tuple[UrdfJoint, Array]]] = {}
     for joint in tree.joints:
         if joint.moves and joint.leader is None and not tree.beyond(joint):
@@ -192,26 +190,27 @@ def _opposed_ends(tree: UrdfTree) -> Iterator[tuple[UrdfJoint, UrdfJoint]]:
             axis = (frame @ joint.origin)[:3, :3] @ joint.axis
             ends.setdefault((body, joint.kind == "prismatic"), []).append((joint, axis))
     for (body, _), joints in ends.items():
-        for (one, along), (other, against) in combinations(joints, 2):
+        for (first, along), (second, against) in combinations(joints, 2):
             if body != tree.base and np.allclose(along, -against, atol=TUNING.opposed):
-                yield one, other
+                yield first, second
 
 
-# ---- What is to be told ----
+# ---- Notes ----
 def _mimic_notes(
     tree: UrdfTree, mimics: Sequence[UrdfJoint], identified: Collection[UrdfJoint], where: str
 ) -> list[str]:
-    """Joints that follow one that stands still hold with it; one that is identified takes them along."""
+    """Notes on <mimic> joints; InputError if one follows an identified joint and carries another."""
     names = [joint.name for joint in identified]
     dragged = [joint for joint in mimics if joint.leader in names]
     for joint in dragged:
         if carried := [other.name for other in tree.beyond(joint) if other in identified]:
-            said = f"follows joint {joint.leader} (<mimic>) and carries {_listed(carried)}"
-            remedy = "choose a chain that ends before it with `tip`"
-            raise InputError(said, f"{where}, joint {joint.name}", remedy)
+            what = f"follows joint {joint.leader} (<mimic>) and carries {_listed(carried)}"
+            raise InputError(what, f"{where}, joint {joint.name}", "choose a chain that ends before it with `tip`")
     still = _sentence([joint.name for joint in mimics if joint not in dragged], "mimic joints are not identified")
-    left = (f"joint {one.name} is held: in the model it does not follow joint {one.leader}" for one in dragged)
-    return [still, *left]
+    detached = (
+        f"joint {joint.name} is held: in the model it does not follow joint {joint.leader}" for joint in dragged
+    )
+    return [still, *detached]
 
 
 def _base_notes(tree: UrdfTree, fingers: Collection[UrdfJoint]) -> list[str]:
@@ -221,9 +220,9 @@ def _base_notes(tree: UrdfTree, fingers: Collection[UrdfJoint]) -> list[str]:
         chains += grounded and joint.moves and joint not in fingers and joint.leader is None
         if joint.kind in FREE:
             to = "the ground" if grounded else joint.parent
-            notes.append(f"joint {joint.name} is {joint.kind}: {joint.child} is taken as fixed to {to}")
+            notes.append(f"joint {joint.name} is {joint.kind}: {joint.child} is assumed to be fixed to {to}")
     if chains > 1 and tree.base != _WORLD:
-        notes.append(f"{chains} chains of joints begin at {tree.base}: it is taken as fixed to the ground")
+        notes.append(f"{chains} chains of joints begin at {tree.base}: it is assumed to be fixed to the ground")
     return notes
 
 

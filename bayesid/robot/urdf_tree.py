@@ -37,8 +37,8 @@ class UrdfJoint:
     leader: str | None = None
     multiplier: float = 1.0
     offset: float = 0.0
-    rated_effort: float | None = None  #: N m, or N; None where the file names none that a joint may have
-    #: lowest and highest position, and highest speed, rad and rad/s (m); zero where the file names none
+    rated_effort: float | None = None  #: N m, or N; None if the file has no plausible one
+    #: lowest and highest position, and highest speed, rad and rad/s (m); zero if the file has none
     range: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
@@ -84,7 +84,7 @@ class UrdfTree:
         return {link: {joint.name for joint in self.path(link)} for link in self.above}
 
     def body(self, link: str) -> tuple[str, Array]:
-        """The link nearest to the base of those that are fixed to one, and (4, 4) the link's frame in that one's."""
+        """The first of the links fixed to this one, from the base, and (4, 4) the link's frame in it."""
         frame = np.eye(4)
         while link in self.above and self.above[link].kind == "fixed":
             frame = self.above[link].origin @ frame
@@ -93,7 +93,7 @@ class UrdfTree:
 
 
 def read_tree(text: str, where: str) -> UrdfTree:
-    """The tree of URDF text; InputError where it is no URDF, or its links and joints are no tree."""
+    """The tree of URDF text; InputError if it is not a URDF, or its links and joints are not a tree."""
     root = _root(text, where)
     check_links(root, where)
     links = [element.get("name", "") for element in root.findall("link")]
@@ -109,8 +109,8 @@ def read_tree(text: str, where: str) -> UrdfTree:
             raise InputError("appears twice", f"{where}, joint {name}", "give every joint a unique name")
     loose = [link for link in links if link not in children]
     if len(loose) != 1:
-        said = f"has {len(loose)} links without a parent joint{': ' + ', '.join(loose) if loose else ''}"
-        raise InputError(said, where, "give a URDF with one base link")
+        what = f"has {len(loose)} links without a parent joint{': ' + ', '.join(loose) if loose else ''}"
+        raise InputError(what, where, "give a URDF with one base link")
     tree = UrdfTree(root.get("name") or "robot", loose[0], tuple(_in_order(joints, loose[0])))
     if len(tree.joints) < len(joints):
         first = next(joint.name for joint in joints if joint.name not in tree.named)
@@ -173,7 +173,7 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
 
 
 def origin_of(element: ET.Element, where: str) -> Array:
-    """(4, 4) the frame of an <origin>; InputError where it holds none."""
+    """(4, 4) the frame of an <origin>; InputError if it is not valid."""
     frame = np.eye(4)
     frame[:3, 3] = _vector(element, "origin", "xyz", "0 0 0", where, TUNING.longest)
     angles = _vector(element, "origin", "rpy", "0 0 0", where)

@@ -53,7 +53,7 @@ def test_one_arm_from_log_to_validation(place, capfd):
     assert run("identify", "left.csv", "--robot", "two arms.urdf", *LEFT, "--out", "left", *QUICK) == 0
     told = capfd.readouterr().err.splitlines()
     held = "joints finger1, finger2, right1, right2 are held: not on the chain to left_hand"
-    assert told[:2] == [f"warning: {held}", "warning: joint lift (at 0.3) is held: as asked"]
+    assert told[:2] == [f"warning: {held}", "warning: joint lift (at 0.3) is held: by --hold"]
     summary = json.loads((place / "left" / "summary.json").read_text())
     assert summary["warnings"][0] == held
     table = tomllib.loads((place / "left" / "model.toml").read_text())["robot"]
