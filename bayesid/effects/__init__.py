@@ -1,4 +1,4 @@
-"""What acts on a robot's joints, terms and distortions, by kind; and models made of them."""
+"""Effects on a robot's joints (terms and distortions), and models made of them."""
 
 from __future__ import annotations
 
@@ -35,4 +35,4 @@ __all__ = [
 ]
 
 STANDARD = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")
-"""The terms where none are named: what every geared arm has, its links, gear friction, zero errors and rotors."""
+"""The default terms, which every geared arm has: links, gear friction, zero errors and rotors."""

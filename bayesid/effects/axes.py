@@ -1,9 +1,8 @@
 """Functions of one variable of a motion; a learned effect is a sum of their products.
 
 A smooth function is a Gaussian process by the eigenfunctions of the Laplacian on an interval (Solin and Sarkka,
-Hilbert space methods for reduced-rank Gaussian process regression, 2020), here those that end flat, cosines: the
-constant is one of them. Beside it there are periodic functions of a joint that turns, powers, the direction of motion,
-and what fades with time.
+Hilbert space methods for reduced-rank Gaussian process regression, 2020), here cosines, which include the constant.
+Other functions are periodic ones of a revolute joint, powers, the direction of motion, and exponentials in time.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ class Family(IntEnum):
 
 @dataclass(frozen=True)
 class Axis:
-    """A variable, and the functions of it that count."""
+    """A variable, and the functions of it that are used."""
 
     quantity: Quantity  # what it is
     joint: int  # of which joint (from 1); 0 for the time
@@ -60,7 +59,8 @@ class Axis:
     def columns(self, x: Array) -> Array:
         """(N, count) the functions at values x (N,).
 
-        Beyond the range seen smooth functions and sums of powers are as at its end; one power goes on by half of it.
+        Outside the log's range, smooth functions and sums of powers are constant; a single power is constant only
+        beyond another half range.
         """
         match self.family:
             case Family.SMOOTH:
@@ -87,8 +87,8 @@ class Axis:
     def density(self, length: float) -> Array:
         """(count,) prior variances, adding up to 1.
 
-        Of cosines those of a squared exponential kernel of a length relative to the range; of waves they fall with the
-        fourth power of the harmonic, as those of a function with kinks do; of others they are equal.
+        For cosines: a squared exponential kernel with a length relative to the range. For periodic functions: the
+        fourth power of 1 / harmonic, as of a function with kinks. For others: equal.
         """
         if self.family is Family.PERIODIC:
             waves = np.repeat(np.arange(1.0, self.count // 2 + 1) ** -4.0, 2)

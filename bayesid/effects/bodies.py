@@ -19,7 +19,7 @@ from bayesid.robot.inertia import NAMES, UNITS, about_centre_of_mass
 
 
 class RigidBody(WholeRobotTerm):
-    """Rigid links: inertia, Coriolis, centrifugal and gravity torques, linear in ten parameters a link.
+    """Rigid links: inertia, Coriolis, centrifugal and gravity torques, linear in ten parameters per link.
 
     The parameters are those of `bayesid.robot.inertia`. Atkeson, An, Hollerbach, IJRR 1986.
     """
@@ -30,7 +30,7 @@ class RigidBody(WholeRobotTerm):
     of_links = True
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Ten a link, from base to tip: Jxx of link 2 is J2xx, mcx is mc2x, m is m2, as in the literature."""
+        """Ten per link, from base to tip: Jxx of link 2 is J2xx, mcx is mc2x, m is m2, as in the literature."""
         stems = [name.rstrip("xyz") for name in NAMES]
         parts = [(stem, name[len(stem) :], unit) for stem, name, unit in zip(stems, NAMES, UNITS, strict=True)]
         links = range(1, robot.n_joints + 1)
@@ -70,7 +70,7 @@ class BodyOnFlange(WholeRobotTerm):
         }
 
     def suffixed(self, suffix: str, robot: Robot) -> tuple[Parameter, ...]:
-        """Jxx ... m with an ending of their own."""
+        """Jxx ... m, each with the suffix."""
         return tuple(Parameter(name + suffix, unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True))
 
     def cone(self, robot: Robot) -> Cone:
@@ -116,9 +116,7 @@ def carried_payloads(motion: Motion) -> tuple[CarriedPayload, ...]:
 
 
 class CarriedPayload(BodyOnFlange):
-    """A body that the flange carries in the rows of its label alone, beside rows without it.
-
-    It is no part of the robot: links and exported files leave it out.
+    """A body on the flange, only in the rows with its label. Links and exported files leave it out.
 
     Args:
         label: (1,) of the rows, as in `bayesid.Log.carrying`.
@@ -132,7 +130,7 @@ class CarriedPayload(BodyOnFlange):
 
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
-        """None for all of a motion: logs say what they carry."""
+        """Always an InputError: payloads come from the labels of logs."""
         remedy = "remove it, and label the logs with a payload by `Log.carrying`"
         raise InputError(f"{cls.name} acts only in logs with a payload", field="terms", remedy=remedy)
 

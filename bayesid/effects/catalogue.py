@@ -22,32 +22,32 @@ from bayesid.motion import Motion
 from bayesid.robot import Robot
 
 
-def _own() -> Iterator[type[Effect]]:
-    """The classes in the files of this folder that set a `name` themselves."""
+def _bundled_classes() -> Iterator[type[Effect]]:
+    """The classes of this package that set their own `name`."""
     for info in pkgutil.iter_modules(effects.__path__):
         module = importlib.import_module(f"{effects.__name__}.{info.name}")
         for value in vars(module).values():
-            own = inspect.isclass(value) and value.__module__ == module.__name__
-            if own and issubclass(value, Effect) and "name" in vars(value):
+            defined_here = inspect.isclass(value) and value.__module__ == module.__name__
+            if defined_here and issubclass(value, Effect) and "name" in vars(value):
                 yield value
 
 
-_OWN = sorted(_own(), key=lambda kind: effect_of(kind.name))
-TERMS: Mapping[str, type[Term]] = {kind.name: kind for kind in _OWN if issubclass(kind, Term)}
-"""Name to class, of every form of every term of ours."""
-DISTORTIONS: Mapping[str, type[Distortion]] = {kind.name: kind for kind in _OWN if issubclass(kind, Distortion)}
-"""Name to class, of every form of every distortion of ours."""
+_BUNDLED = sorted(_bundled_classes(), key=lambda kind: effect_of(kind.name))
+TERMS: Mapping[str, type[Term]] = {kind.name: kind for kind in _BUNDLED if issubclass(kind, Term)}
+"""Name to class, for every form of bayesid's own terms."""
+DISTORTIONS: Mapping[str, type[Distortion]] = {kind.name: kind for kind in _BUNDLED if issubclass(kind, Distortion)}
+"""Name to class, for every form of bayesid's own distortions."""
 
 
 @cache
 def forms() -> Mapping[str, type[Term] | type[Distortion]]:
     """Every form of every effect by its name: terms, distortions, and what installed packages register.
 
-    These are imported at the first call. Each of their entry points `bayesid.effects` names one class, of one form.
+    Packages are imported at the first call. Each entry point `bayesid.effects` names one class.
 
     Raises:
-        InputError: an entry point cannot be loaded, is no effect class, or has the name of another effect; or a symbol
-            is taken, or ends in a digit.
+        InputError: an entry point cannot be loaded, is not an effect class, or has the name of another effect; or its
+            symbol is taken or ends in a digit.
     """
     known: dict[str, Any] = {**TERMS, **DISTORTIONS}
     for point in sorted(entry_points(group="bayesid.effects"), key=lambda point: point.name):
@@ -71,13 +71,14 @@ def forms() -> Mapping[str, type[Term] | type[Distortion]]:
 def _check_symbols(known: Mapping[str, type[Effect]]) -> None:
     owners: dict[str, str] = {}
     for name, kind in known.items():
-        for one in kind.coefficients if issubclass(kind, ActuatorTerm) else ():
-            field = f"effect {name} of {kind.__module__}"
-            if one.symbol[-1].isdigit():
-                raise InputError(f"its symbol {one.symbol} ends in a digit", field, f"name it {one.symbol}_")
-            if owners.setdefault(one.symbol, name) != name:
-                said = f"its symbol {one.symbol} is that of {owners[one.symbol]}"
-                raise InputError(said, field, "choose another symbol")
+        field = f"effect {name} of {kind.__module__}"
+        for symbol in (
+            [coefficient.symbol for coefficient in kind.coefficients] if issubclass(kind, ActuatorTerm) else ()
+        ):
+            if symbol[-1].isdigit():
+                raise InputError(f"its symbol {symbol} ends in a digit", field, f"name it {symbol}_")
+            if owners.setdefault(symbol, name) != name:
+                raise InputError(f"its symbol {symbol} is that of {owners[symbol]}", field, "choose another symbol")
 
 
 def main_forms() -> dict[str, type[Term] | type[Distortion]]:
@@ -100,24 +101,24 @@ def _tuples(values: Any) -> Any:
 
 
 def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tuple[Term, ...]:
-    """Terms of a model for a robot: those named, their shapes taken from the motion they will be fitted to, and given.
+    """Terms of a model; the numbers of named terms are taken from the motion.
 
     Args:
-        chosen: names of the catalogue, or terms of one's own.
+        chosen: names of the catalogue, or your own terms.
         robot: the robot.
         motion: N samples of its joints.
 
     Raises:
-        InputError: a name is not in the catalogue, a term comes twice, needs numbers that no motion shows, or does not
-            suit the robot.
+        InputError: a name is not in the catalogue, a term comes twice, must be fitted to a log, or does not suit the
+            robot.
     """
     actuators, made = robot.actuators(motion), []
     known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}
-    for one in check_terms(chosen):
-        if isinstance(one, str) and one not in known:
-            remedy = f"{near_names(one, known)} choose from {', '.join(known)}".strip()
-            raise InputError(f"unknown term {one!r}", field="terms", remedy=remedy)
-        term = known[one].for_motion(actuators) if isinstance(one, str) else one
+    for choice in check_terms(chosen):
+        if isinstance(choice, str) and choice not in known:
+            remedy = f"{near_names(choice, known)} choose from {', '.join(known)}".strip()
+            raise InputError(f"unknown term {choice!r}", field="terms", remedy=remedy)
+        term = known[choice].for_motion(actuators) if isinstance(choice, str) else choice
         _check_fit(term, robot, motion)
         made.append(term)
     names = [parameter.name for term in made for parameter in term.parameters(robot)]
@@ -128,24 +129,20 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
 
 
 def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
-    """The terms one by one.
-
-    Raises:
-        InputError: they are a single string, or hold what is neither name nor term.
-    """
+    """The terms as a tuple; InputError for a single string, or if one is neither a name nor a term."""
     if isinstance(chosen, str) or not isinstance(chosen, Iterable):
-        said = f"{chosen!r} is not a list of names or terms"
-        raise InputError(said, field="terms", remedy=f"give one, as in [{effects.STANDARD[0]!r}]")
+        what = f"{chosen!r} is not a list of names or terms"
+        raise InputError(what, field="terms", remedy=f"give one, as in [{effects.STANDARD[0]!r}]")
     listed = tuple(chosen)
-    for one in listed:
-        if isinstance(one, type) and issubclass(one, Effect):
-            raise InputError(f"{one.__name__} is a class", field="terms", remedy=f"give a term: {one.__name__}()")
-        if not isinstance(one, str | Term):
+    for item in listed:
+        if isinstance(item, type) and issubclass(item, Effect):
+            raise InputError(f"{item.__name__} is a class", field="terms", remedy=f"give a term: {item.__name__}()")
+        if not isinstance(item, str | Term):
             remedy = "give a name of the catalogue or a bayesid.effects.Term"
-            raise InputError(f"{one!r} is neither the name of a term nor a term", field="terms", remedy=remedy)
-        if listed.count(one) > 1:
-            said = f"term {one if isinstance(one, Term) else repr(one)} comes twice"
-            raise InputError(said, field="terms", remedy="name each term once")
+            raise InputError(f"{item!r} is neither the name of a term nor a term", field="terms", remedy=remedy)
+        if listed.count(item) > 1:
+            what = f"term {item if isinstance(item, Term) else repr(item)} comes twice"
+            raise InputError(what, field="terms", remedy="name each term once")
     return listed
 
 
@@ -167,17 +164,17 @@ def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
 
 
 def owner(symbol: str) -> tuple[type[ActuatorTerm], Coefficient]:
-    """The term whose parameter has a symbol, and what it says of this parameter.
+    """The term and the coefficient that have a symbol.
 
     Example:
         >>> owner("Fc")[0].name
         'coulomb_friction'
     """
     kinds = [kind for kind in forms().values() if issubclass(kind, ActuatorTerm)]
-    return next((kind, one) for kind in kinds for one in kind.coefficients if one.symbol == symbol)
+    return next((kind, found) for kind in kinds for found in kind.coefficients if found.symbol == symbol)
 
 
 def noun(name: str) -> str:
-    """An effect with its article, any form of it; its name where its package is not installed here."""
+    """Noun of an effect with its article; its name if its package is not installed."""
     known = [forms()[form].phrase.noun for form in (name, effect_of(name)) if form in forms()]
     return next(filter(None, known), name.replace("_", " ").replace(".", ", "))

@@ -26,7 +26,7 @@ _ZERO = 1e-9
 
 @dataclass(frozen=True)
 class BaseCoefficients:
-    """The r identifiable coefficients of a model, and the way between them and its P parameters.
+    """The r identifiable coefficients of a model, as combinations of its P parameters.
 
     Attributes:
         names: (r,) each named after the parameter it is built on.
@@ -61,7 +61,7 @@ class BaseCoefficients:
 
     @cached_property
     def _lifting(self) -> Array:
-        """(P, r) its pseudo-inverse."""
+        """(P, r) pseudo-inverse of the projection."""
         return np.asarray(np.linalg.pinv(self.projection))
 
 
@@ -71,8 +71,8 @@ def base_coefficients(model: Model, seed: int = 0, earlier: Model | None = None)
     Args:
         model: the model.
         seed: of the random motion.
-        earlier: a model with some of the parameters, of which something is known already. What the two together can
-            show is kept: a payload can be separated from the last link on a robot that was known without it.
+        earlier: a model with some of the parameters that is already identified. Combinations that both models together
+            determine are kept: a payload is then separate from the last link.
     """
     rng = np.random.default_rng(seed)
     columns = _random_columns(model, rng)
@@ -90,11 +90,7 @@ def base_coefficients(model: Model, seed: int = 0, earlier: Model | None = None)
 
 
 def embedding(part: Model, whole: Model) -> Array:
-    """(p, P) 0 and 1: takes the P parameters of a model to the p parameters, by name, of a model that is a part of it.
-
-    Raises:
-        ValueError: the whole lacks one of the parameters.
-    """
+    """(p, P) matrix of 0 and 1 that selects the part's p parameters, by name; ValueError if the whole lacks one."""
     names = [parameter.name for parameter in whole.parameters]
     return np.eye(len(names))[[names.index(parameter.name) for parameter in part.parameters]]
 
@@ -116,11 +112,11 @@ def _independent_columns(columns: Array) -> tuple[Integers, Array]:
     basis = np.empty((len(columns), 0))
     selected: list[int] = []
     for k, column in enumerate(scaled.T):
-        rest = column - basis @ (basis.T @ column)
-        rest -= basis @ (basis.T @ rest)
-        size = float(np.linalg.norm(rest))
+        remainder = column - basis @ (basis.T @ column)
+        remainder -= basis @ (basis.T @ remainder)
+        size = float(np.linalg.norm(remainder))
         if size > TUNING.dependent:
-            basis = np.column_stack([basis, rest / size])
+            basis = np.column_stack([basis, remainder / size])
             selected.append(k)
     indices = np.array(selected, dtype=np.int64)
     weights = np.linalg.lstsq(scaled[:, indices], columns, rcond=None)[0] / lengths[indices, None]
@@ -141,7 +137,7 @@ def _expression(weights: Array, labels: list[str], lengths: Mapping[str, float],
 
 
 def _with_mass_sums(weights: Array, labels: list[str], n_links: int) -> Iterable[tuple[str, float]]:
-    """The nonzero (label, weight) pairs, an equal weight on m_i ... m_n written as M_i (with what is left on top)."""
+    """The nonzero (label, weight) pairs, with masses as sums: an equal weight on m_i ... m_n is written as M_i."""
     weight_of, masses = dict(zip(labels, weights.tolist(), strict=True)), [f"m{i}" for i in range(1, n_links + 1)]
     if not weight_of.keys() >= set(masses):
         return [(label, weight) for label, weight in weight_of.items() if weight != 0.0]

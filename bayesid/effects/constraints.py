@@ -12,15 +12,15 @@ from bayesid.arrays import Array, Integers
 from bayesid.effects.plane import Plane
 
 _ROUNDING = 1e-9
-"""Share of the terms of an equality up to which its two sides differ by rounding."""
+"""Relative difference of the two sides of an equality that counts as rounding."""
 
 
 @dataclass(frozen=True)
 class Constraints:
     """rows theta + offset >= 0, constant + sum over q of theta_q basis_q positive semidefinite, equal theta = value.
 
-    Matrices are 4 x 4. A second-order cone |x| <= t of up to three numbers is the matrix [[t E, x], [x', t]]. Unlike
-    the cone of a model the set is no cone: to scale parameters may lead out of it.
+    Matrices are 4 x 4. A second-order cone |x| <= t of up to three numbers is the matrix [[t E, x], [x', t]]. The set
+    is not a cone: scaled parameters may leave it.
 
     Attributes:
         names: (Q,) of the parameters theta.
@@ -54,7 +54,7 @@ class Constraints:
 
     @classmethod
     def joined(cls, parts: Sequence[Constraints]) -> Constraints:
-        """Those of the same parameters, one after the other; at least one."""
+        """Constraints on the same parameters, concatenated; at least one part."""
         first = np.cumsum([0, *(len(part.labels) for part in parts)]).tolist()
         placed = list(zip(parts, first, strict=False))
         return cls(
@@ -73,7 +73,7 @@ class Constraints:
 
     @property
     def involved(self) -> Array:
-        """(L, Q) whether each constraint says something of each parameter."""
+        """(L, Q) whether each constraint involves each parameter."""
         involved = np.zeros((len(self.labels), len(self.names)), dtype=bool)
         np.logical_or.at(involved, self.of_row, self.rows != 0.0)
         np.logical_or.at(involved, self.of_matrix, np.any(self.basis != 0.0, axis=(2, 3)))
@@ -105,9 +105,9 @@ class Constraints:
         return self.only(k for k, other in enumerate(self.labels) if other != label)
 
     def sparing(self, names: Sequence[str]) -> Constraints:
-        """Those that say nothing of some parameters."""
-        speaks = self.involved[:, [name in names for name in self.names]].any(axis=1)
-        return self.only(np.flatnonzero(~speaks).tolist())
+        """The constraints that involve none of these parameters."""
+        involved = self.involved[:, [name in names for name in self.names]].any(axis=1)
+        return self.only(np.flatnonzero(~involved).tolist())
 
     @property
     def homogeneous(self) -> Constraints:
@@ -119,24 +119,24 @@ class Constraints:
         return self.only(np.flatnonzero(~bound).tolist())
 
     def of(self, names: Sequence[str]) -> Constraints:
-        """Of all parameters of a model, in its order; without those that speak of a parameter that it lacks."""
+        """The constraints on a model's parameters, in its order; those on a parameter that it lacks are dropped."""
         places = {name: k for k, name in enumerate(names)}
         lacking = np.array([name not in places for name in self.names], dtype=bool)
         kept = self.sparing(np.array(self.names)[lacking].tolist())
-        own = [places[name] for name in np.array(self.names)[~lacking].tolist()]
-        rows, equal = (np.zeros((len(one), len(names))) for one in (kept.rows, kept.equal))
+        columns = [places[name] for name in np.array(self.names)[~lacking].tolist()]
+        rows, equal = (np.zeros((len(matrix), len(names))) for matrix in (kept.rows, kept.equal))
         basis = np.zeros((len(kept.basis), len(names), 4, 4))
-        rows[:, own], equal[:, own] = kept.rows[:, ~lacking], kept.equal[:, ~lacking]
-        basis[:, own] = kept.basis[:, ~lacking]
+        rows[:, columns], equal[:, columns] = kept.rows[:, ~lacking], kept.equal[:, ~lacking]
+        basis[:, columns] = kept.basis[:, ~lacking]
         return replace(kept, names=tuple(names), rows=rows, basis=basis, equal=equal)
 
     def plane(self, sizes: Array | None = None) -> Plane:
-        """Of the equalities; of theta / sizes where sizes (Q,) are given."""
+        """The plane of the equalities; of theta / sizes if sizes (Q,) are given."""
         return Plane.of(self.equal if sizes is None else self.equal * sizes, self.value)
 
     @property
     def contradicting(self) -> tuple[str, ...]:
-        """Labels of equalities that cannot hold together: least squares leave a residual of them."""
+        """Labels of equalities that contradict each other: they have a least-squares residual."""
         if not len(self.equal):
             return ()
         length = np.linalg.norm(self.equal, axis=1)
@@ -165,7 +165,7 @@ class Constraints:
         return least
 
     def contains(self, theta: Array, tolerance: float = 0.0) -> bool:
-        """Whether theta (Q,) satisfies all of them, up to `tolerance`, and equalities up to rounding besides."""
+        """Whether theta (Q,) satisfies all of them up to `tolerance`; equalities also up to rounding."""
         rounding = _ROUNDING * (np.abs(self.equal) @ np.abs(theta) + np.abs(self.value))
         if np.any(np.abs(self.gap(theta)) > np.maximum(tolerance, rounding)):
             return False
@@ -174,7 +174,7 @@ class Constraints:
 
     @property
     def table(self) -> list[dict[str, Any]]:
-        """As plain values: one table a constraint, of what is not zero."""
+        """As plain values: one table per constraint, with the nonzero entries."""
         tables = []
         for k, label in enumerate(self.labels):
             halves = [
@@ -196,18 +196,14 @@ class Constraints:
 
     @classmethod
     def from_table(cls, tables: Sequence[Mapping[str, Any]]) -> Constraints:
-        """What `table` has written.
-
-        Raises:
-            KeyError, TypeError, ValueError: it is none.
-        """
+        """The constraints of a `table`; KeyError, TypeError or ValueError if it is not valid."""
         halves = [(k, dict(half)) for k, table in enumerate(tables) for half in table["half_spaces"]]
         matrices = [(k, matrix) for k, table in enumerate(tables) for matrix in table["matrices"]]
-        equalities = [(k, one) for k, table in enumerate(tables) for one in table.get("equalities", ())]
+        equalities = [(k, equality) for k, table in enumerate(tables) for equality in table.get("equalities", ())]
         offset = np.array([float(half.pop("offset")) for _, half in halves])
-        value = np.array([float(one["value"]) for _, one in equalities])
-        spoken = [*(half for _, half in halves), *(one["parameters"] for _, one in (*matrices, *equalities))]
-        names = list(dict.fromkeys(name for parameters in spoken for name in parameters))
+        value = np.array([float(equality["value"]) for _, equality in equalities])
+        mentioned = [*(half for _, half in halves), *(entry["parameters"] for _, entry in (*matrices, *equalities))]
+        names = list(dict.fromkeys(name for parameters in mentioned for name in parameters))
         rows, basis = np.zeros((len(halves), len(names))), np.zeros((len(matrices), len(names), 16))
         equal = np.zeros((len(equalities), len(names)))
         constant = np.array([matrix["constant"] for _, matrix in matrices], dtype=float).reshape(-1, 4, 4)
@@ -217,11 +213,11 @@ class Constraints:
         for i, (_, matrix) in enumerate(matrices):
             for name, values in matrix["parameters"].items():
                 basis[i, names.index(name)] = values
-        for i, (_, one) in enumerate(equalities):
-            for name, entry in one["parameters"].items():
+        for i, (_, equality) in enumerate(equalities):
+            for name, entry in equality["parameters"].items():
                 equal[i, names.index(name)] = float(entry)
         full = basis.reshape(-1, len(names), 4, 4)
-        if not all(np.all(np.isfinite(one)) for one in (rows, offset, basis, constant, equal, value)):
+        if not all(np.all(np.isfinite(array)) for array in (rows, offset, basis, constant, equal, value)):
             raise ValueError("a constraint is not finite")
         of_row, of_matrix, of_equal = (
             np.array([k for k, _ in ones], dtype=np.int64) for ones in (halves, matrices, equalities)
@@ -232,4 +228,4 @@ class Constraints:
 
 def _named(names: Sequence[str], values: Array) -> dict[str, Any]:
     """Parameter to its values (Q, ...), where they are not all zero."""
-    return {name: own.tolist() for name, own in zip(names, values, strict=True) if np.any(own != 0.0)}
+    return {name: entries.tolist() for name, entries in zip(names, values, strict=True) if np.any(entries != 0.0)}

@@ -34,11 +34,11 @@ class Distortion(Effect):
 
     linear = False
     of_effort: ClassVar[bool] = True
-    """Whether what it does depends on the whole effort, with that of the terms beside it."""
+    """Whether its change depends on the total effort of all terms."""
     neutral: ClassVar[float] = 0.0
-    """The number with which it does nothing."""
+    """Value of its numbers without an effect."""
     largest: ClassVar[float] = np.inf
-    """Of the magnitudes that are simulated."""
+    """Largest simulated magnitude."""
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
@@ -46,12 +46,12 @@ class Distortion(Effect):
         return (cls(joints=(j,), **neutral) for j in range(1, scene.robot.n_joints + 1))
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
-        """(N, n, P) what becomes of the model's columns."""
+        """(N, n, P) the model's columns with the distortion."""
         return rows(robot, motion)
 
     @property
     def late(self) -> float | None:
-        """By how much efforts are read later, s; None of what does something else."""
+        """Delay of the efforts, s; None for other distortions."""
         return None
 
     def measured(self, effort: Array) -> Array:
@@ -59,11 +59,11 @@ class Distortion(Effect):
         return effort
 
     def restored(self, magnitude: Array) -> tuple[Array, Mask]:
-        """(N, n) absolute efforts before the sensor's doing, N m, and (N, n) where the reading shows them."""
+        """(N, n) absolute efforts before the sensor's error, N m, and (N, n) where readings determine them."""
         return magnitude, np.ones(magnitude.shape, dtype=bool)
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
-        """The form at a magnitude, for simulated logs: it does nothing at 0 and more the larger the magnitude is."""
+        """The distortion with a magnitude, for simulated logs; at 0 it has no effect."""
         return self.moved(np.array([direction.sign * magnitude]))
 
     def largest_magnitude(self, scene: Scene) -> float:
@@ -76,55 +76,55 @@ class RobotDistortion(Distortion):
 
     of_effort = False
     step: ClassVar[float] = 1e-5
-    """Of the differences: their error is of this size, relative to the effort, and rounding 1e-16 over it."""
+    """Step of the finite differences: relative errors are about the step (truncation) and 1e-16 / step (rounding)."""
 
     def built(self, robot: Robot) -> Robot:
-        """The robot as it is; made once for the same one."""
+        """The robot with its error; cached for the last robot."""
         if not self._latest or self._latest[0] is not robot:
             self._latest[:] = robot, self.building(robot)
         return self._latest[1]
 
     @cached_property
     def _latest(self) -> list[Robot]:
-        """The robot that was asked for last, and that as it is."""
+        """The last robot without and with the error."""
         return []
 
     def building(self, robot: Robot) -> Robot:
-        """Makes the robot as it is."""
+        """The robot with its error."""
         return robot
 
     def moving(self, robot: Robot, motion: Motion) -> Motion:
-        """The motion as it is."""
+        """The motion with its error."""
         return motion
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         return rows(self.built(robot), self.moving(robot, motion))
 
     def effort(self, scene: Scene) -> Array:
-        """(N, n) the model's effort, N m, of the robot and the motion as they are."""
+        """(N, n) the model's effort, N m, for the robot and the motion with their errors."""
         neutral = not any(x for key in self.number_fields() for x in getattr(self, key))
         if neutral:
-            return scene.effort_as_told
+            return scene.nominal_effort
         return scene.effort_with(self.building(scene.robot), self.moving(scene.robot, scene.motion))
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """The derivatives by differences."""
+        """Derivatives by finite differences."""
         here = self.effort(scene)
         ((key, _),) = self.number_fields().items()
         steps = self.step * np.eye(len(getattr(self, key)))
         columns = np.stack([self.moved(step).effort(scene) - here for step in steps], axis=2) / self.step
-        return here - scene.effort_as_told, columns
+        return here - scene.nominal_effort, columns
 
 
 class SensorDistortion(Distortion):
-    """Base of what changes readings alone: each actuator's by a number of its own."""
+    """Base of sensor errors, which change readings only; one number per actuator."""
 
     def reading(self, effort: Array) -> Array:
-        """(N, m) what is read of the efforts (N, m) of its own actuators, N m."""
+        """(N, m) readings, N m, of the efforts (N, m) of its own actuators."""
         raise NotImplementedError
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
-        """(N, m) their absolute efforts, N m, of their absolute readings (N, m), and where these show them."""
+        """(N, m) absolute efforts, N m, from absolute readings (N, m), and where these determine them."""
         raise NotImplementedError
 
     def measured(self, effort: Array) -> Array:
@@ -146,6 +146,6 @@ class SensorDistortion(Distortion):
         return replace(self, **chosen)
 
     def largest_magnitude(self, scene: Scene) -> float:
-        """The largest effort of its joint, N m, and somewhat more, rounding or not: nothing is then read."""
+        """Slightly more than the joint's largest effort, N m: all readings are then zero."""
         (joint,) = self.acting(scene.robot.n_joints)
         return 1.001 * float(np.abs(scene.effort[:, joint]).max())

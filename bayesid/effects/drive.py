@@ -1,4 +1,4 @@
-"""What a joint's drive adds or does wrong: rotor, zero, ripple, gain, gear ratio and bus."""
+"""Drive effects: rotor inertia, torque offset and ripple; errors of gain and gear ratio; delays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bayesid.motion import Motion
 from bayesid.robot import Robot
 
 FASTEST_HARMONIC = 5
-"""Of a simulated motion, its length being the period: `bayesid.simulation.trajectories.HARMONICS`."""
+"""Highest harmonic of a simulated motion (`bayesid.simulation.trajectories.HARMONICS`)."""
 
 
 class RotorInertia(ActuatorTerm):
@@ -53,7 +53,7 @@ class TorqueOffset(ActuatorTerm):
 
 
 def _harmonics(actuator: Motion) -> Array:
-    """Those that a log can resolve, 1/rad."""
+    """Harmonics that a log can resolve, 1/rad."""
     speed, rate = np.abs(actuator.dq), 1.0 / float(np.median(np.diff(actuator.t)))
     highest = TUNING.ripple_fastest * np.pi * rate / max(float(np.percentile(speed, TUNING.usual_speed)), 1e-6)
     lowest, step = TUNING.ripple_lowest, TUNING.ripple_step * np.pi / max(float(np.ptp(actuator.q)), 1e-6)
@@ -66,7 +66,7 @@ class TorqueRipple(ActuatorTerm):
     Ghorbel, Gandhi, Alpeter, On the kinematic error in harmonic drive gears, 2001.
 
     Args:
-        harmonic: (m,) waves h in a radian times 2 pi, of each actuator; 1/rad.
+        harmonic: (m,) h of each actuator, 1/rad: waves per turn.
     """
 
     harmonic: Numbers = number("1/rad", tried=_harmonics)
@@ -109,7 +109,7 @@ class GainError(Distortion):
     typical = (0.2,)
     neutral = 1.0
     largest = 2e3
-    """Twice the level that `bayesid.simulation.logs` takes at most: a gain changes efforts in proportion."""
+    """Twice the highest level of `bayesid.simulation.logs`: a gain changes efforts in proportion."""
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
         factor = np.ones(robot.n_joints)
@@ -146,7 +146,7 @@ class GearRatio(RobotDistortion):
     needs_earlier = True
     typical = (0.03,)
     largest = 1.0
-    """Twice as far, or not at all."""
+    """The joint moves twice as far, or not at all."""
 
     def moving(self, robot: Robot, motion: Motion) -> Motion:
         if not any(self.error):

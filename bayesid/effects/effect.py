@@ -1,7 +1,7 @@
-"""What all effects share, be they terms of the model's sum or distortions of its rows and readings.
+"""Base class of all effects: terms of the model, and distortions of its rows and readings.
 
-Everything downstream asks an effect for its columns, names and phrases and never which effect it is: a new effect is a
-new class in `bayesid/effects` and nothing else (docs/extending.md).
+Other code uses the columns, names and phrases of an effect, never its class. A new effect is one new class in
+`bayesid/effects` (docs/extending.md).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Number:
     count: int = 0  # how many there are, if not one per actuator
 
     @property
-    def told(self) -> bool:
-        """Whether the model or the motion determines it, so that it is not fitted to a log."""
+    def fixed(self) -> bool:
+        """Whether the model or the motion sets it, so that it is not fitted to a log."""
         return self.given or (self.of_motion is not None and self.tried is None)
 
 
@@ -57,8 +57,7 @@ class Scene:
     measured: Array  # (N, n) absolute values of the measured efforts, N m
     links: Array  # (10 n,) the current model's link parameters, with what the links carry
     effort_with: Callable[[Robot, Motion], Array]
-    """(N, n) effort, N m, of the current model without effects that were found since, of a robot that is built, mounted
-    or moves otherwise."""
+    """(N, n) effort, N m, of the current model without newly found effects, for another robot or motion."""
 
     @cached_property
     def each(self) -> list[Motion]:
@@ -66,8 +65,8 @@ class Scene:
         return [self.actuators.joints([j]) for j in range(self.actuators.n_joints)]
 
     @cached_property
-    def effort_as_told(self) -> Array:
-        """(N, n) the same effort of the robot and the motion as they are told, N m."""
+    def nominal_effort(self) -> Array:
+        """(N, n) `effort_with` for the given robot and motion, N m."""
         return self.effort_with(self.robot, self.motion)
 
     @cached_property
@@ -90,14 +89,14 @@ class Phrase:
     """Text for one form of an effect.
 
     Attributes:
-        sentence: says that it is there; {who} is the joint, {whose} its genitive, other braces hold parameters, without
-            the joint in their names.
-        noun: with its article; a form without one has that of the effect's main form.
-        size: the number whose sign decides between the sentence and the opposite, or whose change alone is reported.
-        opposite: for a negative size, which is then given without its sign.
-        detail: one more sentence, of what `Effect.readable` gives, names in braces.
-        brief: the noun with the numbers that matter most, of the same names; by default the noun.
-        units: of the numbers that people read in another unit than the model's.
+        sentence: statement of the effect; {who} is the joint, {whose} its genitive, other braces hold parameters, named
+            without the joint.
+        noun: with its article; by default that of the effect's main form.
+        size: the number whose sign selects `sentence` or `opposite`, or whose change alone is reported.
+        opposite: sentence for a negative size, given as an absolute value.
+        detail: one more sentence; braces hold names of `Effect.readable`.
+        brief: the noun with its main numbers, by the same names; by default the noun.
+        units: of numbers that are reported in another unit than the model's.
     """
 
     sentence: str = ""
@@ -126,23 +125,23 @@ class Effect:
     name: ClassVar[str]
     """In the catalogue; a second form of the same effect is named effect.form."""
     shown_by: ClassVar[str]
-    """The motion that shows it, and no other effect."""
+    """A motion that distinguishes it from other effects."""
     phrase: ClassVar[Phrase] = Phrase()
     """Text for reports; by default made of its name and numbers."""
     linear: ClassVar[bool]
-    """Whether it is a term: the efforts are linear in its amplitudes wherever it is looked at."""
+    """Whether it is a term: the efforts are linear in its amplitudes."""
     acts_on: ClassVar[Literal["joint", "robot", "either"]] = "joint"
-    """Where it is sought and said to be. Of the whole robot alone, it cannot act in some of the joints."""
+    """Where it is searched and reported; with "robot" it acts in all joints."""
     memory: ClassVar[bool] = False
-    """Whether a row depends on other instants too."""
+    """Whether a row depends on other time steps."""
     can_be_missing: ClassVar[bool] = True
     """Whether a model may lack it."""
     needs_earlier: ClassVar[bool] = False
-    """Whether only what an earlier log has shown tells it from the model's own parameters."""
+    """Whether it can be separated from the model's own parameters only with an earlier log."""
     of_table: ClassVar[bool] = False
-    """Whether it is an error of the robot's table, which one of another row may look like."""
+    """Whether it is an error of the robot's table; errors of other rows may look the same."""
     typical: ClassVar[Numbers | tuple[Numbers, ...]] = ()
-    """Prior standard deviations of the amplitudes, one for all or one each; several such priors are tried one by one.
+    """Prior standard deviations of the amplitudes, one for all or one each; several such priors are tried in turn.
     If empty, a usual share of the effort."""
 
     frees: ClassVar[tuple[str, ...]] = ()
@@ -157,7 +156,7 @@ class Effect:
     @classmethod
     def number_fields(cls) -> Mapping[str, Number]:
         """Its nonlinear numbers by field."""
-        return {one.name: one.metadata["number"] for one in dataclasses.fields(cls) if "number" in one.metadata}
+        return {field.name: field.metadata["number"] for field in dataclasses.fields(cls) if "number" in field.metadata}
 
     @property
     def effect(self) -> str:
@@ -171,9 +170,9 @@ class Effect:
         return {**named, **{key: list(getattr(self, key)) for key in self.number_fields()}}
 
     @property
-    def sought(self) -> tuple[str, ...]:
-        """The fields whose numbers only a comparison with a log can show."""
-        return tuple(key for key, number in self.number_fields().items() if not number.told)
+    def fitted(self) -> tuple[str, ...]:
+        """The fields whose numbers are fitted to a log."""
+        return tuple(key for key, number in self.number_fields().items() if not number.fixed)
 
     def acting(self, n_joints: int) -> list[int]:
         """The (0-based) actuators in which it acts."""
@@ -198,8 +197,8 @@ class Effect:
         """The same effect with its own numbers, in some of its joints only."""
         acting = self.acting(n_joints)
         chosen = [acting.index(j - 1) for j in joints]
-        one_each = [key for key, number in self.number_fields().items() if not (number.count or number.given)]
-        kept: Any = {key: tuple(getattr(self, key)[i] for i in chosen) for key in one_each}
+        per_actuator = [key for key, number in self.number_fields().items() if not (number.count or number.given)]
+        kept: Any = {key: tuple(getattr(self, key)[i] for i in chosen) for key in per_actuator}
         return replace(self, joints=joints, **kept)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
@@ -214,12 +213,12 @@ class Effect:
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
-        """The forms in which it may be hidden in a log: joint by joint, and over its nonlinear numbers."""
+        """The forms to try on a log: joint by joint, over a grid of its nonlinear numbers."""
         raise NotImplementedError
 
     @classmethod
     def guesses(cls, robot: Robot) -> Iterable[Self]:
-        """Forms that are tried on the whole robot while signs are unknown; none by default."""
+        """Forms to try on the whole robot while signs are unknown; none by default."""
         return ()
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:

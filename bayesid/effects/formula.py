@@ -20,12 +20,12 @@ _WORDS = {
     Quantity.ACCELERATION: ("ddq", "acceleration"),
     Quantity.LOAD: ("tau", "load"),
 }
-"""Symbol and noun of what is a joint's."""
+"""Symbol and noun of the joint quantities."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """What is said of a learned effect."""
+    """Text about a learned effect."""
 
     variables: tuple[str, ...]  # q4, dq5, ddq1, tau2 (the load) or t
     formula: str  # the effort in N m (N in a joint that slides); f is a smooth function, its RMS before it
@@ -34,7 +34,7 @@ class Description:
 
     @property
     def sentence(self) -> str:
-        """Depends on the positions of joints 4 and 6; no part of friction."""
+        """Depends on the positions of joints 4 and 6; not a friction effect."""
         return "; ".join([f"depends on {self.depends}", *self.families])
 
 
@@ -44,13 +44,14 @@ def described(
     """A learned effect of a joint (from 1), a sum of functions, each with amplitudes (p,) of its products, in words."""
     parts = list(zip(components, amplitudes, strict=True))
     texts = [text for component, amplitude in parts for text in _terms(component, amplitude)]
-    variables = [symbol(*one) for one in sorted({axis.variable for one in components for axis in one.axes})]
+    variables = {axis.variable for component in components for axis in component.axes}
+    symbols = [symbol(*variable) for variable in sorted(variables)]
     if len(texts) > TUNING.most_terms:
         rms = float(np.sqrt(sum(np.mean(surface(component, amplitude)[1] ** 2) for component, amplitude in parts)))
-        texts = [f"{_number(rms)} f({', '.join(variables)})"]
+        texts = [f"{_number(rms)} f({', '.join(symbols)})"]
     formula = " + ".join(texts).replace("+ -", "- ")
     return Description(
-        variables=tuple(variables),
+        variables=tuple(symbols),
         formula=f"{formula} {unit}" if len(texts) == 1 else f"({formula}) {unit}",
         depends=_depends(parts),
         families=tuple(dict.fromkeys(_families(joint, parts))),
@@ -100,11 +101,11 @@ def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tu
     left, sizes, right = np.linalg.svd(values)
     total, written, approximation = float(np.sum(values**2)), [], np.zeros_like(values)
     for k in range(TUNING.most_products):
-        one, other = _shape(axes[0], grids[0], left[:, k]), _shape(axes[1], grids[1], right[k])
-        if one is None or other is None:
+        first, second = _shape(axes[0], grids[0], left[:, k]), _shape(axes[1], grids[1], right[k])
+        if first is None or second is None:
             return None
-        written.append((float(sizes[k]) * one[1] * other[1], [one[0], other[0]]))
-        approximation = approximation + sizes[k] * np.outer(one[2], other[2])
+        written.append((float(sizes[k]) * first[1] * second[1], [first[0], second[0]]))
+        approximation = approximation + sizes[k] * np.outer(first[2], second[2])
         if np.sum((values - approximation) ** 2) < (1.0 - TUNING.explained) * total:
             return written
     return None
@@ -126,23 +127,23 @@ def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
     """Functions that the axis allows, the simplest first; a smooth axis allows all."""
     smooth = axis.family is Family.SMOOTH
     powers = smooth or axis.family is Family.POWER
-    one, straight, square = ("", np.ones_like(grid)), (name, grid), (f"{name}^2", grid**2)
+    constant, straight, square = ("", np.ones_like(grid)), (name, grid), (f"{name}^2", grid**2)
     turns = _turns(axis)
-    yield 0.0, [one]
+    yield 0.0, [constant]
     if powers:
         yield 0.0, [straight]
         yield 0.0, [square]
-        yield 0.0, [straight, one]
+        yield 0.0, [straight, constant]
     if smooth and axis.quantity is Quantity.VELOCITY:
         yield 0.0, [(f"{name} |{name}|", grid * np.abs(grid))]
     yield from ((h, []) for h in turns)
     if axis.family is Family.FADING:
         fading = f"exp(-t / {_number(axis.order)} s)", axis.columns(grid)[:, 1]
         yield 0.0, [fading]
-        yield 0.0, [one, fading]
-    yield from ((h, [one]) for h in turns)
+        yield 0.0, [constant, fading]
+    yield from ((h, [constant]) for h in turns)
     if powers:
-        yield 0.0, [square, straight, one]
+        yield 0.0, [square, straight, constant]
 
 
 def _turns(axis: Axis) -> list[float]:
@@ -162,7 +163,8 @@ def _written(name: str, turns: float, texts: list[str], amplitudes: list[float])
         first = f"sin({angle} {_signed(phase)})" if abs(phase) > 5e-3 else f"sin({angle})"  # none to two digits
     else:
         (first, *texts), (size, *amplitudes) = texts, amplitudes
-    others = [f"{_signed(one / (size or TINY))} {text}".strip() for one, text in zip(amplitudes, texts, strict=True)]
+    pairs = zip(amplitudes, texts, strict=True)
+    others = [f"{_signed(amplitude / (size or TINY))} {text}".strip() for amplitude, text in pairs]
     return (f"({first or '1'} {' '.join(others)})" if others else first), size
 
 
@@ -204,10 +206,10 @@ def _joints(joints: Sequence[int]) -> str:
 
 
 def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[str]:
-    own = (Quantity.VELOCITY, joint)
-    turning = [_odd(component, amplitude, own) for component, amplitude in parts]
-    if not any(axis.variable == own for component, _ in parts for axis in component.axes):
-        yield "no part of friction"
+    speed = (Quantity.VELOCITY, joint)
+    turning = [_odd(component, amplitude, speed) for component, amplitude in parts]
+    if not any(axis.variable == speed for component, _ in parts for axis in component.axes):
+        yield "not a friction effect"
     elif all(turning):
         yield f"odd in the speed of joint {joint}, as friction is"
     for component, _ in parts:
@@ -218,7 +220,7 @@ def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[
             if axis.family is Family.PERIODIC and axis.quantity is Quantity.TIME:
                 yield f"oscillates at {_number(axis.order / (2.0 * np.pi))} Hz"
             if axis.family is Family.FADING:
-                yield f"exponential in time, over {_number(axis.order)} s, as what warms up"
+                yield f"exponential in time, over {_number(axis.order)} s, as a joint that warms up"
 
 
 def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int]) -> bool:
@@ -236,6 +238,6 @@ def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int])
 
 
 def _around(axis: Axis, variable: tuple[Quantity, int]) -> Array:
-    """Some values of a variable, of the one that is turned those that are seen both ways."""
+    """Some values of a variable; of the one with changing sign only those seen with both signs."""
     low, high = (0.0, min(-axis.low, axis.high)) if axis.variable == variable else (axis.low, axis.high)
     return np.linspace(low, max(high, low), 9)[1:]

@@ -62,8 +62,7 @@ class OvercompensatedFriction(Term):
 class SaturatingFriction(ActuatorTerm):
     """Fe tanh(u' / ve), Fe >= 0: lubricant drag that saturates, as the film shears thin or grows warm.
 
-    With dry and viscous friction beside it, friction that rises ever more slowly: Waiboer, Aarts, Jonker, Velocity
-    dependence of joint friction in manipulators, 2005.
+    Waiboer, Aarts, Jonker, Velocity dependence of joint friction in manipulators, 2005.
     """
 
     knee: Numbers = number("rad/s", tried=lambda actuator: np.multiply(TUNING.knees, actuator.top_speed))
@@ -131,7 +130,7 @@ class AsymmetricCoulomb(DryTerm):
 
 
 class StribeckFriction(DryTerm):
-    """(Fk + Fs exp(-(u' / vs)^2)) tanh(u' / v); Fk, Fs >= 0: Fs is what is lost as the lubricant's film carries.
+    """(Fk + Fs exp(-(u' / vs)^2)) tanh(u' / v); Fk, Fs >= 0: Fs vanishes as the lubricant's film builds up.
 
     Bo and Pavelescu, Wear 1982; Armstrong-Helouvry et al., Automatica 1994.
 
@@ -188,10 +187,10 @@ class LoadDependentFriction(DryTerm):
         for j, speed in enumerate(scene.actuators.standstill_speed.tolist(), start=1):
             yield cls(joints=(j,), smoothing=(speed,), links=links)
 
-    def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
+    def own_columns(self, robot: Robot, motion: Motion, actuators: Motion | None = None) -> Array:
         """The size of the load, which comes from all joints, times the direction of motion."""
         load = np.abs(robot.inverse_dynamics(motion, self._links)[:, self.acting(robot.n_joints)])
-        return load[:, :, None] * super().own_columns(robot, motion, own)
+        return load[:, :, None] * super().own_columns(robot, motion, actuators)
 
     def unit_efforts(self, actuators: Motion) -> Array:
         return self.direction(actuators)
@@ -251,7 +250,7 @@ class ViscousThermalDrift(ActuatorTerm):
 
 
 class FrictionThermalDrift(DryTerm):
-    """Both: dry and viscous friction that change from cold to warm."""
+    """Dry and viscous friction that both change from cold to warm."""
 
     time: Numbers = number("s", tried=_times)
 

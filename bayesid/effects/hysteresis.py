@@ -27,7 +27,7 @@ def _strained(z: float, way: float) -> float:
 
 
 def _relieved(z: float, way: float) -> float:
-    if z * way < 0.0:  # relieved first, strained with what is left of the way
+    if z * way < 0.0:  # unload first, then load over the remaining way
         relief = min(abs(way), abs(z))
         z, way = z + math.copysign(relief, way), math.copysign(abs(way) - relief, way)
     return _strained(z, way) if way else z
@@ -52,7 +52,7 @@ class Hysteresis(ActuatorTerm):
 
     @staticmethod
     def states(ways: list[float], z: float) -> Iterator[float]:
-        """States of one element on its ways, relative to its width, from a state z on."""
+        """States of one element after each displacement, in units of its width, from state z."""
         for way in ways:
             z += way
             if z > 1.0:
@@ -72,14 +72,12 @@ class Hysteresis(ActuatorTerm):
         return self.state(actuators, 1.0)
 
     def state(self, actuators: Motion, share: float) -> Array:
-        """(N, m) states of an element with a share of the width, one step of the way after another.
-
-        From rest, or from what was kept of the instant before. Plain numbers are faster than arrays of one.
-        """
+        """(N, m) states of an element with a share of the width, from rest or from the previous instant's state."""
         width, key = share * np.array(self.width), (self.name, self.joints, share)
         before = actuators.earlier(key)
         first, start = (actuators.q[0], np.zeros(len(width))) if before is None else before
         ways = np.diff(actuators.q, axis=0, prepend=first[None]) / width
+        # plain numbers: faster than arrays of one
         columns = [list(self.states(way.tolist(), z)) for way, z in zip(ways.T, start.tolist(), strict=True)]
         state = np.array(columns).T
         actuators.keep(key, actuators.q[-1], state[-1])

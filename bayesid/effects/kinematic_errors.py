@@ -1,4 +1,4 @@
-"""A base mounted otherwise, and errors of a robot's Denavit-Hartenberg table: one number of a joint's row is off."""
+"""A tilted base, and errors of single numbers in a robot's Denavit-Hartenberg table."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bayesid.robot import Robot
 from bayesid.robot.kinematics import nearest_points
 
 _SAME = 1e-9
-"""m and rad up to which two frames are one: rounding."""
+"""m and rad; frames nearer than this are equal up to rounding."""
 _X, _ORIGIN = np.array([1.0, 0.0, 0.0]), np.zeros(3)
 _MILLIMETRES, _DEGREES = ReadableUnit("mm", 1e3), ReadableUnit("degrees", 180.0 / math.pi)
 
@@ -56,7 +56,7 @@ class BaseTilt(RobotDistortion):
 
     @classmethod
     def guesses(cls, robot: Robot) -> Iterator[Self]:
-        """About axes all around, by some angles."""
+        """Tilts by some angles about evenly spaced axes."""
         for size, turn in product(TUNING.tilts, np.linspace(0.0, 2.0 * math.pi, TUNING.tilt_axes, endpoint=False)):
             yield cls(angle=(size * math.cos(turn), size * math.sin(turn)))
 
@@ -75,8 +75,8 @@ class BaseTilt(RobotDistortion):
 def _first_link(scene: Scene) -> Array:
     """(N, n, 2) sine and cosine of the first joint.
 
-    Where gravity lies along its axis, only a tilt shows the weight of link 1; how large it is, no earlier log shows.
-    Zero where the first joint is mounted otherwise.
+    If gravity is parallel to its axis, the weight of link 1 acts only with a tilt, so no earlier log determines it.
+    Zero for other first joints.
     """
     joint, columns = scene.robot.joints[0], np.zeros((*scene.effort.shape, 2))
     along = joint.placement[:3, :3] @ joint.axis
@@ -98,7 +98,7 @@ class Displacement(RobotDistortion):
     """Base of errors of one number of a table's rows (Denavit and Hartenberg 1955).
 
     Args:
-        error: (m,) by how much the number is larger than the table has it, m or rad.
+        error: (m,) true number minus the table's, m or rad.
     """
 
     error: Numbers = number(tuned=True)
@@ -112,10 +112,9 @@ class Displacement(RobotDistortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Neutral values of the joints whose number belongs to no other effect.
+        """One per joint, without error, except where another effect covers the number.
 
-        The first row of a modified table says how the base is mounted: `base_tilt`. The zero of a joint that slides is
-        its d: `link_offset`.
+        `base_tilt` covers the first row of a modified table; `link_offset` the zero of a prismatic joint, its d.
         """
         for j, joint in enumerate(scene.robot.joints):
             of_base = cls.of_normal and j == 0 and not is_distal(scene.robot)
@@ -136,7 +135,7 @@ class Displacement(RobotDistortion):
         if is_distal(robot):
             return with_link(robot, joint, move(_X, step), first=False)
         point, direction = _normal(robot, joint)
-        return with_joint(robot, joint, move(direction, step, point), own=False)
+        return with_joint(robot, joint, move(direction, step, point), in_own_frame=False)
 
     def building(self, robot: Robot) -> Robot:
         for j, step in zip(self.acting(robot.n_joints), self.error, strict=True):
@@ -144,7 +143,7 @@ class Displacement(RobotDistortion):
         return robot
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """Of the whole model's effort; slopes by differences of the links' alone, zero where they are rounding."""
+        """Change of the whole effort; slopes by finite differences of the links' effort, zero if they are rounding."""
         built = self.building(scene.robot)
         here = built.inverse_dynamics(scene.motion, scene.links) if any(self.error) else scene.link_effort
         slopes = []
@@ -153,7 +152,7 @@ class Displacement(RobotDistortion):
             slope = (moved - here) / self.step
             slope[:, np.abs(slope).max(axis=0) < 1e-8 * np.abs(scene.effort).max()] = 0.0
             slopes.append(slope)
-        return self.effort(scene) - scene.effort_as_told, np.stack(slopes, axis=2)
+        return self.effort(scene) - scene.nominal_effort, np.stack(slopes, axis=2)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
         pairs = zip(self.acting(robot.n_joints), self.error, strict=True)
@@ -165,7 +164,7 @@ class Displacement(RobotDistortion):
 
 
 class JointZero(Displacement):
-    """The number theta of a joint's row is off: it was mastered elsewhere, or its encoder has slipped.
+    """Error of theta: the joint was mastered in another position, or its encoder has slipped.
 
     Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991.
     """
@@ -184,7 +183,7 @@ class JointZero(Displacement):
 
 
 class LinkLength(Displacement):
-    """The number a of a joint's row is off: a link is longer or shorter."""
+    """Error of a: the link is longer or shorter."""
 
     name = "link_length"
     shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
@@ -200,7 +199,7 @@ class LinkLength(Displacement):
 
 
 class LinkOffset(Displacement):
-    """The number d of a joint's row is off: a link sits further along its axis."""
+    """Error of d: the link sits further along its axis."""
 
     name = "link_offset"
     shown_by = "moving the joints before the link through their ranges, fast, in several postures"
@@ -216,7 +215,7 @@ class LinkOffset(Displacement):
 
 
 class LinkTwist(Displacement):
-    """The number alpha of a joint's row is off: the angle between two axes differs from the table."""
+    """Error of alpha: the angle between two axes differs."""
 
     name = "link_twist"
     shown_by = "moving the joints on both sides of the link slowly through their ranges"
@@ -233,14 +232,14 @@ class LinkTwist(Displacement):
 
 # A robot with a part moved
 def shift(along: Array, step: float, point: Array = _ORIGIN) -> Array:
-    """(4, 4) a step along a direction (3,), wherever the point is."""
+    """(4, 4) translation by a step along a direction (3,); the point is not used."""
     move = np.eye(4)
     move[:3, 3] = step * along
     return move
 
 
 def turn(about: Array, step: float, point: Array = _ORIGIN) -> Array:
-    """(4, 4) a turn about a unit axis (3,) through a point (3,)."""
+    """(4, 4) rotation by a step, rad, about a unit axis (3,) through a point (3,)."""
     move = np.eye(4)
     move[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
     move[:3, 3] = point - move[:3, :3] @ point
@@ -249,42 +248,42 @@ def turn(about: Array, step: float, point: Array = _ORIGIN) -> Array:
 
 def is_distal(robot: Robot) -> bool:
     """Whether each link's frame is at the next joint: the standard Denavit-Hartenberg convention."""
-    for link, one in enumerate(robot.joints):
+    for link, joint in enumerate(robot.joints):
         following = [joint.placement for joint in robot.joints if joint.parent == link]
-        at_next = all(np.allclose(one.link_frame, placement, atol=_SAME) for placement in following)
-        if at_next and not np.array_equal(one.link_frame, np.eye(4)):
+        at_next = all(np.allclose(joint.link_frame, placement, atol=_SAME) for placement in following)
+        if at_next and not np.array_equal(joint.link_frame, np.eye(4)):
             return True
     return False
 
 
-def with_joint(robot: Robot, joint: int, move: Array, *, own: bool = True) -> Robot:
+def with_joint(robot: Robot, joint: int, move: Array, *, in_own_frame: bool = True) -> Robot:
     """The robot with one joint, and all links after it, moved in its own frame or its parent's frame."""
     joints, placement = list(robot.joints), robot.joints[joint].placement
-    joints[joint] = replace(joints[joint], placement=placement @ move if own else move @ placement)
+    joints[joint] = replace(joints[joint], placement=placement @ move if in_own_frame else move @ placement)
     return replace(robot, joints=tuple(joints))
 
 
 def with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
-    """The robot with a link's frame moved, in its joint's frame (first) or its own; and with it what stands there."""
+    """The robot with a link's frame, and the joints on it, moved in its joint's frame (first) or its own."""
     frame = robot.joints[link].link_frame
     moved = move @ frame if first else frame @ move
     joints = [
-        replace(one, placement=moved @ np.linalg.solve(frame, one.placement)) if one.parent == link else one
-        for one in robot.joints
+        replace(joint, placement=moved @ np.linalg.solve(frame, joint.placement)) if joint.parent == link else joint
+        for joint in robot.joints
     ]
     joints[link] = replace(joints[link], link_frame=moved)
     return replace(robot, joints=tuple(joints))
 
 
 def _normal(robot: Robot, joint: int) -> tuple[Array, Array]:
-    """A point (3,) and the direction (3,) of the common normal of a joint's axis and that before, in that one's frame.
+    """A point and the direction (3,) of the common normal of a joint's axis and its parent's, in the parent's frame.
 
-    It leads from the axis before to the joint's own; or along that frame's x axis, as in a table, where x lies on it.
+    It points from the parent's axis to the joint's own, or along the frame's x axis if that is parallel to it.
     """
-    one = robot.joints[joint]
-    before = np.array([0.0, 0.0, 1.0]) if one.parent < 0 else robot.joints[one.parent].axis
-    axis = one.placement[:3, :3] @ one.axis
-    start, end = nearest_points(np.zeros(3), before, one.placement[:3, 3], axis)
+    current = robot.joints[joint]
+    before = np.array([0.0, 0.0, 1.0]) if current.parent < 0 else robot.joints[current.parent].axis
+    axis = current.placement[:3, :3] @ current.axis
+    start, end = nearest_points(np.zeros(3), before, current.placement[:3, 3], axis)
     for direction in (end - start, np.cross(before, axis), _X - before * before[0], np.roll(before, 1)):
         if (length := float(np.linalg.norm(direction))) > _SAME:
             break

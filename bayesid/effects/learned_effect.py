@@ -41,18 +41,16 @@ def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> C
 
 
 class LearnedEffect(Term):
-    """A sum of functions that a log has shown in one joint, linear in their amplitudes.
+    """A sum of functions, found in one joint of a log and linear in their amplitudes.
 
-    A function is a product of functions of its variables (`effects.axes`). Beyond the range that the log has seen
-    smooth functions and sums of powers stay as they are at its end; one power, or a straight line, goes on by half of
-    the range, then it stays; waves go on.
+    A function is a product of functions of its variables. `bayesid.effects.axes.Axis` extrapolates them.
 
     Args:
-        joints: the one in which it acts.
+        joints: its joint.
         functions: of each function the numbers of its axes, in the order of `bayesid.effects.axes.Axis`, and the rows
             of its weights, as `bayesid.effects.axes.Component` has them.
         links: (10 n,) parameters of the rigid bodies that make the load, or none where no variable is a load.
-        number: (1,) of the learned effect in this joint: a model may have learned twice.
+        number: (1,) counts the learned effects of the joint, from 1.
     """
 
     functions: tuple[tuple[tuple[Numbers, ...], tuple[Numbers, ...]], ...] = number(given=True)
@@ -68,10 +66,10 @@ class LearnedEffect(Term):
     def of(cls, joint: int, components: Sequence[Component], links: Sequence[float] = (), number: int = 1) -> Self:
         """The effect of some functions in a joint (from 1)."""
         functions: Any = tuple(
-            (tuple(tuple(map(float, astuple(axis))) for axis in one.axes), tuple(map(tuple, one.weights.tolist())))
-            for one in components
+            (tuple(tuple(map(float, astuple(axis))) for axis in part.axes), tuple(map(tuple, part.weights.tolist())))
+            for part in components
         )
-        loaded = any(axis.quantity is Quantity.LOAD for one in components for axis in one.axes)
+        loaded = any(axis.quantity is Quantity.LOAD for component in components for axis in component.axes)
         return cls(joints=(joint,), number=(number,), functions=functions, links=tuple(links) if loaded else ())
 
     @classmethod
@@ -87,7 +85,7 @@ class LearnedEffect(Term):
     @property
     def _counts(self) -> list[int]:
         """Columns of each function."""
-        return [one.weights.shape[1] for one in self.components]
+        return [component.weights.shape[1] for component in self.components]
 
     def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:
         return self
@@ -95,27 +93,27 @@ class LearnedEffect(Term):
     def check(self, n_joints: int) -> None:
         if len(self.joints) != 1 or not 1 <= self.joints[0] <= n_joints:
             raise ValueError(f"joints {list(self.joints)} are not joints of the robot")
-        axes = [axis for one in self.components for axis in one.axes]
+        axes = [axis for component in self.components for axis in component.axes]
         self._expect("number", 1)
         self._expect("links", 10 * n_joints * any(axis.quantity is Quantity.LOAD for axis in axes))
         for axis in axes:
             if not 0 <= axis.joint <= n_joints or axis.high <= axis.low or axis.order < 0 or axis.count < 1:
                 raise ValueError(f"a variable of {self.name} cannot be used")
-        for one in self.components:
-            size = prod(axis.count for axis in one.axes)
-            if one.weights.ndim != 2 or len(one.weights) != size:
-                raise ValueError(f"weights {one.weights.shape}, expected {size} rows")
+        for component in self.components:
+            size = prod(axis.count for axis in component.axes)
+            if component.weights.ndim != 2 or len(component.weights) != size:
+                raise ValueError(f"weights {component.weights.shape}, expected {size} rows")
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """The amplitudes, in the unit of the effort: RMS of a column where it was learned."""
+        """The amplitudes, in the unit of the effort; columns had an RMS of 1 in the log of origin."""
         (joint,), number = self.joints, int(self.number[0])
         unit = unit_of(robot, joint - 1, "N m")
         names = [f"learned{number}_{k}_{joint}" for k in range(1, sum(self._counts) + 1)]
         return tuple(Parameter(name, unit, joint) for name in names)
 
     def description(self, robot: Robot, theta: Array) -> Description:
-        bounds = np.cumsum(self._counts)[:-1]
-        amplitudes = [one.weights @ part for one, part in zip(self.components, np.split(theta, bounds), strict=True)]
+        parts = zip(self.components, np.split(theta, np.cumsum(self._counts)[:-1]), strict=True)
+        amplitudes = [component.weights @ values for component, values in parts]
         return described(self.joints[0], self.components, amplitudes, unit_of(robot, self.joints[0] - 1, "N m"))
 
     def columns(self, robot: Robot, motion: Motion) -> Array:

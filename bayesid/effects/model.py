@@ -23,18 +23,18 @@ from bayesid.robot import Robot
 
 
 @dataclass(frozen=True)
-class FeltColumns:
-    """(N, n, P) columns, of each joint those alone that are not zero: about half as many."""
+class SparseColumns:
+    """(N, n, P) columns without the zero columns of each joint, which are about half."""
 
     size: int  # P
-    sparsity: tuple[Integers, ...]  # of each of the n joints, (m,) the columns that it feels, ascending
-    values: tuple[Array, ...]  # of each joint, (N, m) these
+    sparsity: tuple[Integers, ...]  # per joint, (m,) indices of its nonzero columns, ascending
+    values: tuple[Array, ...]  # per joint, (N, m) these columns
 
     @classmethod
-    def of(cls, columns: Array) -> FeltColumns:
-        """Those of (N, n, P)."""
+    def of(cls, columns: Array) -> SparseColumns:
+        """From dense columns (N, n, P)."""
         sparsity = tuple(np.flatnonzero(some) for some in np.any(columns != 0.0, axis=0))
-        values = tuple(np.ascontiguousarray(columns[:, j, those]) for j, those in enumerate(sparsity))
+        values = tuple(np.ascontiguousarray(columns[:, j, nonzero]) for j, nonzero in enumerate(sparsity))
         return cls(columns.shape[2], sparsity, values)
 
     def __len__(self) -> int:
@@ -42,36 +42,36 @@ class FeltColumns:
 
     @property
     def nbytes(self) -> int:
-        """Of memory."""
+        """Memory of the values, bytes."""
         return sum(values.nbytes for values in self.values)
 
     @property
     def dense(self) -> Array:
-        """(N, n, P) all of them, in an array of their own."""
+        """(N, n, P) columns as a new array."""
         dense = np.zeros((len(self), len(self.values), self.size))
-        for j, (those, values) in enumerate(zip(self.sparsity, self.values, strict=True)):
-            dense[:, j, those] = values
+        for j, (nonzero, values) in enumerate(zip(self.sparsity, self.values, strict=True)):
+            dense[:, j, nonzero] = values
         return dense
 
     def of_joint(self, joint: int, columns: Integers) -> Array:
-        """(N, k) some columns of a joint, ascending, all that it feels among them."""
-        own = self.values[joint]
+        """(N, k) columns of a joint by ascending indices that include all its nonzero columns."""
+        values = self.values[joint]
         if np.array_equal(columns, self.sparsity[joint]):
-            return own
+            return values
         some = np.zeros((len(self), len(columns)))
-        some[:, np.searchsorted(columns, self.sparsity[joint])] = own
+        some[:, np.searchsorted(columns, self.sparsity[joint])] = values
         return some
 
-    def chosen(self, columns: Integers) -> FeltColumns:
+    def chosen(self, columns: Integers) -> SparseColumns:
         """Some of the P columns, in ascending order."""
         place = np.full(self.size, -1)
         place[columns] = np.arange(len(columns))
         sparsity, values = [], []
-        for those, own in zip(self.sparsity, self.values, strict=True):
-            inside = place[those] >= 0
-            sparsity.append(place[those[inside]])
-            values.append(own if inside.all() else np.ascontiguousarray(own[:, inside]))
-        return FeltColumns(len(columns), tuple(sparsity), tuple(values))
+        for nonzero, block in zip(self.sparsity, self.values, strict=True):
+            inside = place[nonzero] >= 0
+            sparsity.append(place[nonzero[inside]])
+            values.append(block if inside.all() else np.ascontiguousarray(block[:, inside]))
+        return SparseColumns(len(columns), tuple(sparsity), tuple(values))
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ class Model:
     Attributes:
         robot: the robot.
         terms: the terms; their parameters are stacked in this order.
-        distortions: of rows first, of readings last; each acts on what those of its kind before it have made.
-        constraints: that somebody has stated of the parameters; None without any.
+        distortions: of rows first, of readings last; each acts on the result of the previous one of its kind.
+        constraints: stated constraints on the parameters, or None.
 
     Example:
         >>> model = bayesid.Model.of(robot, ["rigid_body", "coulomb_friction"], motion)
@@ -98,16 +98,16 @@ class Model:
 
     @classmethod
     def of(cls, robot: Robot, terms: Iterable[str | Term], motion: Motion) -> Model:
-        """A model of a robot from names of the catalogue, or terms of one's own.
+        """A model of a robot from names of the catalogue, or your own terms.
 
         Args:
             robot: the robot.
-            terms: names or terms; the shapes of those that are named are taken from the motion.
-            motion: N samples of the robot's joints, as the model will be fitted to.
+            terms: names or terms; the numbers of named terms are taken from the motion.
+            motion: N samples of the robot's joints.
 
         Raises:
-            InputError: a name is not in the catalogue, a term comes twice, needs numbers that no motion shows, or does
-                not suit the robot.
+            InputError: a name is not in the catalogue, a term comes twice, must be fitted to a log, or does not suit
+                the robot.
 
         Example:
             >>> from bayesid.effects.springs import JointSpring
@@ -130,7 +130,8 @@ class Model:
         cone = reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
         freed = {name for term in self.terms for name in term.freed(self.robot)}
         bounded = [k for k in cone.nonnegative.tolist() if self.parameters[k].name not in freed]
-        stated = None if self.constraints is None else self.constraints.of([one.name for one in self.parameters])
+        names = [parameter.name for parameter in self.parameters]
+        stated = None if self.constraints is None else self.constraints.of(names)
         return replace(cone, nonnegative=np.array(bounded, dtype=np.int64), stated=stated)
 
     def extend(self, effect: Effect) -> Model:
@@ -153,18 +154,18 @@ class Model:
 
     @property
     def before_sensors(self) -> Model:
-        """The model of the efforts themselves, without what sensors make of them."""
+        """The model without sensor distortions."""
         return replace(self, distortions=tuple(d for d in self.distortions if not isinstance(d, SensorDistortion)))
 
     @property
     def undelayed(self) -> Model:
-        """The model of the efforts at the instants of the motion, not some time later, when they are logged."""
+        """The model without delays."""
         return replace(self, distortions=tuple(d for d in self.distortions if d.late is None))
 
     @property
     def lag(self) -> float:
-        """By how much the efforts of all joints lag behind the motion, s."""
-        return sum(one.late or 0.0 for one in self.distortions if not one.joints)
+        """Delay of the efforts of all joints, s."""
+        return sum(distortion.late or 0.0 for distortion in self.distortions if not distortion.joints)
 
     def parts(self, theta: Array) -> list[tuple[Term, Array]]:
         """The terms, each with its own part of theta (P,)."""
@@ -176,9 +177,9 @@ class Model:
         return sum(parts, np.zeros((self.robot.n_joints, 10)))
 
     def scene(self, motion: Motion, theta: Array, effort: Array, measured: Array) -> Scene:
-        """What effects may look at where the model, with the parameters theta (P,), meets a log of N samples.
+        """Input for the effects to try on a log of N samples, by the model with parameters theta (P,).
 
-        The model's effort is (N, n), N m, as are the absolute values of those measured.
+        The model's effort and the measured absolute efforts are (N, n), N m.
         """
 
         def effort_with(robot: Robot, motion: Motion) -> Array:
@@ -193,32 +194,32 @@ class Model:
 
     def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
         """Rows and their columns, some thousand samples at a time; effects with a memory see some samples around."""
-        return ((rows, columns.dense) for rows, columns in self.felt_chunks(motion))
+        return ((rows, columns.dense) for rows, columns in self.sparse_chunks(motion))
 
-    def felt_chunks(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
-        """The same, of each joint the columns alone that it feels; remembered if all of them fit into memory."""
+    def sparse_chunks(self, motion: Motion) -> Iterator[tuple[slice, SparseColumns]]:
+        """The same with sparse columns; cached for one motion if they fit into memory."""
         if self._remembered.motion() is motion:
             yield from self._remembered.chunks
             return
         self.forget()
-        chunks: list[tuple[slice, FeltColumns]] = []
-        left = TUNING.remembered
+        chunks: list[tuple[slice, SparseColumns]] = []
+        free_bytes = TUNING.remembered
         for rows, columns in self._made(motion):
-            left -= columns.nbytes
-            chunks = [*chunks, (rows, columns)] if left >= 0 else []
+            free_bytes -= columns.nbytes
+            chunks = [*chunks, (rows, columns)] if free_bytes >= 0 else []
             yield rows, columns
         if chunks:
             self._remembered.motion, self._remembered.chunks = ref(motion), chunks
 
     def forget(self) -> None:
-        """Frees the columns that are remembered."""
+        """Clears the cache of columns."""
         vars(self).pop("_remembered", None)
 
     @cached_property
     def _remembered(self) -> _Remembered:
         return _Remembered()
 
-    def _made(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
+    def _made(self, motion: Motion) -> Iterator[tuple[slice, SparseColumns]]:
         chunks = [slice(start, min(start + TUNING.chunk, len(motion))) for start in range(0, len(motion), TUNING.chunk)]
         for k in range(0, len(chunks), TUNING.chunks_together):
             some = chunks[k : k + TUNING.chunks_together]
@@ -227,11 +228,11 @@ class Model:
             else:
                 yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)
 
-    def _chunk(self, motion: Motion, rows: slice) -> FeltColumns:
+    def _chunk(self, motion: Motion, rows: slice) -> SparseColumns:
         memory = any(effect.memory for effect in self.effects)
         first = max(0, rows.start - TUNING.look_back) if memory else rows.start
         last = min(len(motion), rows.stop + TUNING.look_ahead) if memory else rows.stop
-        return FeltColumns.of(self.columns(motion[first:last])[rows.start - first : rows.stop - first])
+        return SparseColumns.of(self.columns(motion[first:last])[rows.start - first : rows.stop - first])
 
     def effort(self, motion: Motion, theta: Array) -> Array:
         """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,); (N, n, K) of K of them (P, K).
@@ -245,7 +246,7 @@ class Model:
         return self.read(effort) if theta.ndim == 1 else np.stack([*map(self.read, np.moveaxis(effort, 2, 0))], axis=2)
 
     def effort_at(self, motion: Motion, theta: Array) -> Array:
-        """(N, n) `effort` of a few instants, N m, term by term and without the columns: many times as fast."""
+        """(N, n) `effort` of a few instants, N m, computed without columns, which is much faster."""
         parts = self.parts(theta)
 
         def efforts(robot: Robot, motion: Motion) -> Array:
@@ -296,11 +297,11 @@ class Model:
         return rows
 
     def read(self, effort: Array) -> Array:
-        """(N, n) what sensors read of efforts (N, n), N m."""
+        """(N, n) readings of efforts (N, n), N m."""
         return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
 
     def invert_sensor(self, magnitude: Array) -> tuple[Array, Mask]:
-        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them."""
+        """(N, n) absolute efforts before sensor errors, N m, and (N, n) where readings determine them."""
         valid = np.ones(magnitude.shape, dtype=bool)
         for distortion in reversed(self.distortions):
             magnitude, valid_here = distortion.restored(magnitude)
@@ -321,11 +322,11 @@ class Model:
 
 
 class _Remembered:
-    """The columns of the last motion whose columns fit into memory, while it lives; a pickle begins without any."""
+    """Cache of the columns of one motion; pickles start empty."""
 
     def __init__(self) -> None:
         self.motion: Callable[[], Motion | None] = lambda: None
-        self.chunks: list[tuple[slice, FeltColumns]] = []
+        self.chunks: list[tuple[slice, SparseColumns]] = []
 
     def __reduce__(self) -> tuple[type[_Remembered], tuple[()]]:
         return _Remembered, ()

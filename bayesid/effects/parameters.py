@@ -27,12 +27,12 @@ class Coefficient:
     """One of the parameters that an effect has in each actuator.
 
     Attributes:
-        symbol: its name without the joint; one that ends in a digit needs `_` behind it. No other effect has the same.
-        unit: in a joint that turns; of one that slides, N m is N and rad is m.
+        symbol: unique name without the joint; after a digit it ends in `_`.
+        unit: in a revolute joint; in a prismatic one N m becomes N, and rad m.
         nonnegative: whether it cannot be negative.
         adds_to: symbol of the parameter of another effect that it adds to, where a model has it.
         urdf: key under which a URDF keeps it, if any.
-        mjcf: the same of an MJCF.
+        mjcf: the same in an MJCF.
     """
 
     symbol: str
@@ -48,7 +48,7 @@ class Coefficient:
 
 
 def unit_of(robot: Robot, joint: int, unit: str) -> str:
-    """A unit of a joint that turns, for a (0-based) joint that may slide."""
+    """The unit for a (0-based) joint, given that for a revolute joint."""
     sliding = robot.joints[joint].prismatic
     return unit.replace("N m", "N").replace("kg m^2", "kg").replace("rad", "m") if sliding else unit
 
@@ -85,7 +85,7 @@ class Cone:
         return cls(10 * count, np.empty(0, dtype=np.int64), np.arange(10 * count).reshape(count, 10))
 
     def __add__(self, other: Cone) -> Cone:
-        """The product cone, `other`'s parameters after this one's; of cones that nothing stated cuts."""
+        """The product cone, `other`'s parameters after this one's; without stated constraints."""
         return Cone(
             self.size + other.size,
             np.concatenate([self.nonnegative, other.nonnegative + self.size]),
@@ -93,7 +93,7 @@ class Cone:
         )
 
     def plane(self, sizes: Array | None = None) -> Plane:
-        """In which equalities keep the parameters; in units of sizes (size,) where these are given."""
+        """The plane of the stated equalities, in units of sizes (size,) if given."""
         return Plane.whole(self.size) if self.stated is None else self.stated.plane(sizes)
 
     def pseudo_inertias(self, theta: Array) -> Array:

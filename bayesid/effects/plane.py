@@ -11,16 +11,16 @@ from scipy.sparse.csgraph import connected_components
 from bayesid.arrays import TINY, Array
 
 _ROUNDING = 1e-9
-"""Share of the largest singular value, or of a value, below which a number is rounding."""
+"""Numbers below this, relative to the largest singular value, count as rounding."""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """All theta = origin + basis y, for y of d numbers; all of space where nothing is equal to anything.
+    """All theta = origin + basis y, with y (d,); the whole space if there are no equalities.
 
     Attributes:
         origin: (P,) the point nearest to zero.
-        basis: (P, d) orthonormal; a parameter without an equality is a number of y by itself.
+        basis: (P, d) orthonormal; a parameter without an equality is an entry of y.
     """
 
     origin: Array
@@ -28,12 +28,12 @@ class Plane:
 
     @classmethod
     def whole(cls, size: int) -> Plane:
-        """All of space."""
+        """The whole space."""
         return cls(np.zeros(size), np.eye(size))
 
     @classmethod
     def of(cls, rows: Array, value: Array) -> Plane:
-        """Where rows (k, P) theta = value (k,), in the sense of least squares if they contradict each other.
+        """The plane rows (k, P) theta = value (k,), by least squares if these contradict each other.
 
         Parameters that no equality links are not mixed, whatever their units.
         """
@@ -44,18 +44,18 @@ class Plane:
         origin, columns = np.zeros(rows.shape[1]), []
         count, part = connected_components(csr_array(np.abs(rows).T @ np.abs(rows)), directed=False)
         for k in range(count):
-            (own,) = np.nonzero(part == k)
-            here = np.any(rows[:, own] != 0.0, axis=1)
-            left, sizes, right = np.linalg.svd(rows[np.ix_(here, own)])
+            (members,) = np.nonzero(part == k)
+            here = np.any(rows[:, members] != 0.0, axis=1)
+            left, sizes, right = np.linalg.svd(rows[np.ix_(here, members)])
             rank = int(np.count_nonzero(sizes > _ROUNDING))
-            origin[own] = right[:rank].T @ ((left.T @ value[here])[:rank] / sizes[:rank])
-            columns.append(np.zeros((rows.shape[1], len(own) - rank)))
-            columns[-1][own] = right[rank:].T
+            origin[members] = right[:rank].T @ ((left.T @ value[here])[:rank] / sizes[:rank])
+            columns.append(np.zeros((rows.shape[1], len(members) - rank)))
+            columns[-1][members] = right[rank:].T
         return cls(origin, np.column_stack(columns))
 
     @property
     def is_whole(self) -> bool:
-        """Whether it is all of space."""
+        """Whether it is the whole space."""
         return self.basis.shape[0] == self.basis.shape[1]
 
     def point(self, y: Array) -> Array:
@@ -73,7 +73,7 @@ class Plane:
         return self.point(self.coordinates(theta))
 
     def seen_by(self, projection: Array) -> Plane:
-        """Where coefficients lie, by B (r, P) of full rank."""
+        """The plane of the coefficients B theta, with B (r, P) of full rank."""
         if self.is_whole:
             return Plane.whole(len(projection))
         left, sizes, _ = np.linalg.svd(projection @ self.basis)

@@ -28,7 +28,7 @@ class Clipping(SensorDistortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Over limits that the model exceeds and the readings hardly do."""
+        """Limits near the highest reading, if the model exceeds it."""
         for j in range(scene.robot.n_joints):
             top, needed = np.percentile(scene.measured[:, j], TUNING.clipping_top), np.abs(scene.effort[:, j]).max()
             if needed > top:
@@ -44,7 +44,7 @@ class Clipping(SensorDistortion):
         return reading, reading < TUNING.near_limit * np.array(self.limit)
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
-        """By so much, N m, the limit lies below the largest effort."""
+        """The magnitude is the largest effort minus the limit, N m."""
         return super().of_magnitude(self.largest_magnitude(scene) - magnitude, direction, scene)
 
 
@@ -65,7 +65,7 @@ class DeadZone(SensorDistortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Over the threshold: evenly, and where the readings leave gaps, which a hard threshold does."""
+        """Thresholds on a grid, and above gaps between readings, as a hard threshold leaves."""
         widths = 0.005 * TUNING.dead_zone_growth ** np.arange(18)
         for j in range(scene.robot.n_joints):
             top = float(np.percentile(scene.measured[:, j], TUNING.dead_zone_top))
@@ -81,7 +81,7 @@ class DeadZone(SensorDistortion):
 
 
 class ShrinkingDeadZone(DeadZone):
-    """The sensor or drive lacks a constant part of every effort, up to the whole of small ones.
+    """Readings are smaller than efforts by a constant; those of small efforts are zero.
 
     Dead zone with offset; Tao and Kokotovic 1996.
     """
@@ -98,7 +98,7 @@ class ShrinkingDeadZone(DeadZone):
 
 
 def _above_gaps(magnitude: Array, top: float) -> list[float]:
-    """The readings right above the widest gaps between the lower ones, and somewhat more: noise may blur the edge."""
+    """The readings just above the widest gaps between low readings, and multiples, as noise blurs the edge."""
     readings = np.sort(magnitude[magnitude < TUNING.gaps_below * top])
     edges = readings[np.argsort(-np.diff(readings))[: TUNING.gaps] + 1]
     return [float(edge * blur) for edge in edges for blur in TUNING.blurs if edge > 0.0]

@@ -1,6 +1,6 @@
 """Terms of the dynamic model: tau = sum over terms of Y_term(motion) theta_term.
 
-Everything downstream uses columns and cones alone, not the physics of a term.
+Other code uses only the columns and cones of a term, not its physics.
 """
 
 from __future__ import annotations
@@ -32,27 +32,29 @@ class Term(Effect):
         """The term in all actuators, for a log with this motion.
 
         Raises:
-            InputError: the term has numbers that only a comparison with a log can show.
+            InputError: the term has numbers that must be fitted to a log.
         """
         numbers = cls.number_fields()
         if missing := [key for key, number in numbers.items() if number.of_motion is None]:
             message = f"{cls.name} needs a log to determine {', '.join(missing)}"
             raise InputError(message, field="terms", remedy="find it with `bayesid discrepancy`")
-        shape: Any = {key: tuple(one.of_motion(actuators).tolist()) for key, one in numbers.items() if one.of_motion}
+        shape: Any = {
+            key: tuple(number.of_motion(actuators).tolist()) for key, number in numbers.items() if number.of_motion
+        }
         return cls(**shape)
 
     @property
     def payloads(self) -> tuple[str, ...]:
-        """Labels of the payloads in whose rows alone it acts; of most terms none."""
+        """Labels of the payloads in whose rows it acts; empty for most terms."""
         return ()
 
     @property
     def places(self) -> Mapping[str, tuple[str, ...]]:
-        """Where exported files keep its parameters: by the format (urdf, mjcf), one key for each one of a joint."""
+        """Keys of a joint's parameters in exported files, by format (urdf, mjcf)."""
         return {}
 
     def export_remark(self, last_link: str) -> str:
-        """What an exported file says of it at its head, given the last link's name there."""
+        """Comment at the head of an exported file, given the last link's name."""
         return ""
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
@@ -60,7 +62,7 @@ class Term(Effect):
         raise NotImplementedError
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
-        """(N, n) efforts by its parameters theta (p,), N m, where columns need not be made."""
+        """(N, n) efforts by its parameters theta (p,), N m."""
         effort: Array = self.columns(robot, motion) @ theta
         return effort
 
@@ -73,15 +75,15 @@ class Term(Effect):
 
 
 class ActuatorTerm(Term):
-    """Base of the effects that act in each actuator by itself: `coefficients` and `unit_efforts` say which."""
+    """Base of effects that act in single actuators, as `coefficients` and `unit_efforts` define."""
 
     coefficients: ClassVar[tuple[Coefficient, ...]]
     """The k parameters of an actuator."""
 
     def unit_efforts(self, actuators: Motion) -> Array | Sequence[Array]:
-        """(N, m) effort that its m actuators supply per unit of the parameter, from their motion; k of them, in order.
+        """(N, m) efforts of its m actuators per unit of the parameter, from their motion; k arrays for k parameters.
 
-        Of actuators (u = C q), not joints: a coupled wrist needs no special case.
+        Actuators (u = C q), not joints: a coupled wrist needs no special case.
         """
         raise NotImplementedError
 
@@ -89,70 +91,74 @@ class ActuatorTerm(Term):
     def variants(cls, scene: Scene) -> Iterator[Self]:
         numbers = cls.number_fields()
         for j, motion in enumerate(scene.each, start=1):
-            tried = [(one.tried or one.of_motion or _untold)(motion) for one in numbers.values()]
+            tried = [(number.tried or number.of_motion or _no_values)(motion) for number in numbers.values()]
             for values in product(*tried):
                 shape: Any = {key: (float(value),) for key, value in zip(numbers, values, strict=True)}
                 yield cls(joints=(j,), **shape)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        return tuple(one.of_joint(robot, j) for j in self.acting(robot.n_joints) for one in self.coefficients)
+        return tuple(
+            coefficient.of_joint(robot, j) for j in self.acting(robot.n_joints) for coefficient in self.coefficients
+        )
 
     def cone(self, robot: Robot) -> Cone:
-        signs = [one.nonnegative for one in self.coefficients] * len(self.acting(robot.n_joints))
+        signs = [coefficient.nonnegative for coefficient in self.coefficients] * len(self.acting(robot.n_joints))
         return replace(Cone.free(len(signs)), nonnegative=np.flatnonzero(signs))
 
     @property
     def adds_to(self) -> Mapping[str, str]:
-        return {one.symbol: one.adds_to for one in self.coefficients if one.adds_to}
+        return {coefficient.symbol: coefficient.adds_to for coefficient in self.coefficients if coefficient.adds_to}
 
     @property
     def places(self) -> Mapping[str, tuple[str, ...]]:
-        places = {form: tuple(getattr(one, form) for one in self.coefficients) for form in ("urdf", "mjcf")}
+        places = {
+            form: tuple(getattr(coefficient, form) for coefficient in self.coefficients) for form in ("urdf", "mjcf")
+        }
         return {form: keys for form, keys in places.items() if all(keys)}
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, m k) columns of its m actuators: k in an actuator's own row."""
-        own, acting = self.own_columns(robot, motion), self.acting(robot.n_joints)
-        columns = np.zeros((len(motion), robot.n_joints, len(acting), own.shape[2]))
-        columns[:, acting, np.arange(len(acting))] = own
+        values, acting = self.own_columns(robot, motion), self.acting(robot.n_joints)
+        columns = np.zeros((len(motion), robot.n_joints, len(acting), values.shape[2]))
+        columns[:, acting, np.arange(len(acting))] = values
         return columns.reshape(len(motion), robot.n_joints, -1)
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
-        own = self.own_columns(robot, motion)
-        efforts = (own * theta.reshape(-1, own.shape[2])).sum(axis=2)
+        values = self.own_columns(robot, motion)
+        efforts = (values * theta.reshape(-1, values.shape[2])).sum(axis=2)
         if not self.joints:
             return efforts
         every = np.zeros((len(motion), robot.n_joints))
         every[:, self.acting(robot.n_joints)] = efforts
         return every
 
-    def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
-        """(N, m, k) the same without the rows of other actuators; of `own`, the motion of its actuators, if known."""
-        if own is None:
-            own = robot.actuators(motion)
-            own = own.joints(self.acting(robot.n_joints)) if self.joints else own
-        efforts = self.unit_efforts(own)
+    def own_columns(self, robot: Robot, motion: Motion, actuators: Motion | None = None) -> Array:
+        """(N, m, k) columns of its m actuators in their own rows, from their motion if given."""
+        if actuators is None:
+            actuators = robot.actuators(motion)
+            actuators = actuators.joints(self.acting(robot.n_joints)) if self.joints else actuators
+        efforts = self.unit_efforts(actuators)
         return efforts[:, :, None] if isinstance(efforts, np.ndarray) else np.stack(efforts, axis=2)
 
     def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Of one actuator, without the rows of others; of several as usual."""
+        """For a single actuator, computed without the rows of others."""
         if len(self.acting(scene.robot.n_joints)) > 1:
             return super().change_by_joint(scene)
         (joint,) = self.acting(scene.robot.n_joints)
-        own = self.own_columns(scene.robot, scene.motion, scene.each[joint])[:, 0]
-        return {}, {joint: own} if np.any(own) else {}
+        columns = self.own_columns(scene.robot, scene.motion, scene.each[joint])[:, 0]
+        return {}, {joint: columns} if np.any(columns) else {}
 
 
-def _untold(actuators: Motion) -> Array:
+def _no_values(actuators: Motion) -> Array:
     raise NotImplementedError("a number needs `tried` or `of_motion`, or the effect `variants` of its own")
 
 
 class WholeRobotTerm(Term):
-    """Base of the effects that are the whole robot's."""
+    """Base of effects of the whole robot."""
 
     acts_on = "robot"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
-        """One; none of what no model lacks."""
+        """One form, or none if every model has the effect."""
         return (cls(),) if cls.can_be_missing else ()

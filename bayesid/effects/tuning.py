@@ -1,4 +1,4 @@
-"""Numbers of the effects that are choices."""
+"""Chosen constants of the effects."""
 
 from __future__ import annotations
 
@@ -7,35 +7,35 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Nonlinear numbers that are tried, sizes of simulated distortions, and how a model makes its columns.
+    """Grids of nonlinear numbers, and limits of memory.
 
-    Many of them were halved and doubled (`python -m bayesid.studies.ablation effects`). Where that was seen to change
-    a decision on logs of UR10e and KR300, the number's sentence says so.
+    `python -m bayesid.studies.ablation effects` halves and doubles them; constants that changed a decision on UR10e's
+    or KR300's log are marked. Without a study or a reason, a value is chosen, not measured.
     """
 
     # columns of a model
     chunk: int = 4096
-    """Samples whose columns are in memory at once."""
+    """Samples whose columns are in memory at once: memory against the overhead of a call."""
     look_back: int = 4096
-    """Samples before a chunk that effects with a memory see, 4 s at 1 kHz: presliding forgets in a few strokes."""
+    """Samples before a chunk for effects with a memory, 4 s at 1 kHz: presliding needs a few strokes."""
     look_ahead: int = 16
-    """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
+    """Samples after a chunk: the end effect of a cubic spline falls by 0.27 per sample, to 1e-9."""
     remembered: int = 256_000_000
-    """Bytes of columns that a model remembers of its last motion, at which it is looked ten times: those of 150,000
-    samples of six joints and 84 parameters."""
+    """Bytes of cached columns of one motion, which is used about ten times: 150,000 samples of six joints and 84
+    parameters."""
     chunks_together: int = 8
-    """Chunks that processors make together: memory stays bounded."""
+    """Chunks computed in parallel at a time, to bound the memory."""
 
     # base coefficients
     dependent: float = 1e-4
-    """Share of its own length that a dependent column may leave. On a random motion they leave 1e-13 (1e-9 to 1e-5
-    where an angle is a rounded pi/2, or a calibrated table is off it), independent ones 1e-3."""
+    """Residual of a dependent column relative to its length. On a random motion dependent columns leave 1e-13 (1e-9 to
+    1e-5 if an angle is a rounded pi/2, or calibrated), independent ones 1e-3."""
     random_samples: int = 400
     """Samples of the random motion: 400 n rows for the 14 n parameters of the standard terms."""
 
     # numbers tried
     hysteresis_widths: tuple[float, ...] = (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
-    """rad (m), the way from rest to slipping, each some 1.8 times the last; refined in between."""
+    """rad (m), displacement from rest to slipping, each about 1.8 times the last; refined in between."""
     fewest_samples_of_way: float = 2.0
     """Fewest samples within a width; a shorter one looks like a step."""
     usual_speed: float = 80.0
@@ -53,17 +53,17 @@ class Tuning:
     cable_centres: int = 9
     """Positions at which a cable or pack is relaxed; refined in between."""
     cable_middle: tuple[float, float] = (10.0, 90.0)
-    """Percentiles of the positions between which these lie, so that both sides of each are visited."""
+    """Percentiles of the positions that bound these, so that both sides of each are visited."""
     ripple_lowest: float = 3.0
     """1/rad; waves longer than 2 rad look like springs and gravity."""
     ripple_step: float = 0.35
-    """Of the harmonic, in units of pi over the joint's range: two neighbours differ by less than half a wave."""
+    """Step of the harmonic, in units of pi over the joint's range: neighbours differ by less than half a wave."""
     ripple_fastest: float = 0.7
     """Share of the log's Nyquist frequency that ripple may reach at the usual speed: filters cut what is faster."""
     most_harmonics: int = 400
     """Harmonics tried at most: bounds the time of a comparison."""
     lags: tuple[float, ...] = (0.0, 0.05, 0.12, 0.25, 0.4)
-    """s, about which the effort is linear in the lag; denser where bus cycles and filters make them."""
+    """s; the effort is about linear in the lag between them. Denser at the delays of bus cycles and filters."""
     clipping_limits: int = 16
     """Limits tried, from 0.8 to 1 times the highest reading: steps of 1.3 %, then refined around the best."""
     near_limit: float = 0.94
@@ -79,7 +79,7 @@ class Tuning:
     gaps: int = 3
     """Gaps between readings that are tried, the widest."""
     gaps_below: float = 0.6
-    """Gaps are searched below this share of the highest reading; higher readings are sparse anyway."""
+    """Gaps are searched below this share of the highest reading; higher readings are sparse."""
     clearly_above: float = 0.5
     """Readings above this share of the threshold do not count as zero: midway between zero and the threshold."""
     clearly_read: float = 0.3
@@ -99,9 +99,9 @@ class Tuning:
     explained: float = 0.95
     """Share of a function's mean square that a simpler one must explain to replace it in the text."""
     grid: int = 41
-    """Values of a variable at which functions are compared."""
+    """Values of a variable at which functions are compared; chosen, not measured."""
     most_products: int = 2
-    """Products of functions of one variable each, whose sum a function of two is written as."""
+    """Most products whose sum a function of two variables is written as."""
     most_terms: int = 3
     """Most terms of a formula; a longer one is written as f of its variables."""
     few_waves: int = 3

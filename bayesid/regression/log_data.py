@@ -81,7 +81,7 @@ class LogData:
     def chunks(self) -> Iterator[tuple[slice, Array]]:
         """Rows and their columns (N', n, r) of the coefficients, chunk by chunk."""
         kept = self.coefficients.selected
-        return ((place, rows.chosen(kept).dense) for place, rows in self.model.felt_chunks(self.signals.motion))
+        return ((place, rows.chosen(kept).dense) for place, rows in self.model.sparse_chunks(self.signals.motion))
 
     def normal_equations(
         self,

@@ -23,7 +23,7 @@ import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
-from bayesid.effects.model import FeltColumns, Model
+from bayesid.effects.model import Model, SparseColumns
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 
@@ -181,9 +181,9 @@ def normal_equations(
     joint = np.zeros(part.max(initial=-1) + 1, dtype=np.int64)
     joint[part] = segments.joint
     hessian, gradient = HessianSums(r, joint), np.zeros((size, r))
-    for rows, every in model.felt_chunks(motion):
+    for rows, every in model.sparse_chunks(motion):
         columns = every.chosen(coefficients.selected)
-        columns = columns if correct is None else FeltColumns.of(correct(rows, columns.dense))
+        columns = columns if correct is None else SparseColumns.of(correct(rows, columns.dense))
         here = np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start))
         sparsity = {j: hessian.feel(j, columns.sparsity[j]) for j in np.unique(segments.joint[here])}
         of_joint = {j: columns.of_joint(j, felt) for j, felt in sparsity.items()}

@@ -31,7 +31,7 @@ def test_a_hidden_function_is_learned(found):
     (effect,) = [one for one in found.added if one.effect == "learned_effect"]
     assert effect.joints == (2,)
     assert effect.variables == ("q1", "q3")
-    assert "no part of friction" in effect.description.families
+    assert "not a friction effect" in effect.description.families
     assert effect.probability > 0.9
     assert found.status == "explained"
     assert found.before[1] > 3.0 * found.floor.rms[1]

@@ -10,7 +10,7 @@ from term_efforts import EFFORTS, LEARNED
 
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import forms, make_effect, make_terms
-from bayesid.effects.model import FeltColumns, Model
+from bayesid.effects.model import Model, SparseColumns
 from bayesid.effects.tuning import TUNING
 from bayesid.simulation.parameters import random_parameters
 
@@ -118,10 +118,10 @@ def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch, fitting)
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
     model = Model(robot, make_terms(STANDARD, robot, motions[0]))
     whole = [model.columns(motion) for motion in motions]
-    remembered = int(fitting * FeltColumns.of(whole[0][:13]).nbytes)
+    remembered = int(fitting * SparseColumns.of(whole[0][:13]).nbytes)
     monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=13, remembered=remembered))
     for which in (0, 0, 1, 0):
-        next(model.felt_chunks(motions[which]))  # somebody who asks for a part leaves it to the others
+        next(model.sparse_chunks(motions[which]))  # somebody who asks for a part leaves it to the others
         chunks = list(model.chunks(motions[which]))
         assert [rows for rows, _ in chunks] == [slice(0, 13), slice(13, 26), slice(26, 39), slice(39, 50)]
         np.testing.assert_allclose(np.concatenate([columns for _, columns in chunks]), whole[which], rtol=1e-13)

@@ -26,7 +26,7 @@ def test_product_of_two_sines():
     assert rest in ("sin(2 q2 + 1.6) sin(3 q6 + 0.7) N m", "sin(2 q2 - 1.6) sin(3 q6 - 2.4) N m")
     assert value == "0.21"
     assert words.depends == "the positions of joints 2 and 6"
-    assert "no part of friction" in words.families
+    assert "not a friction effect" in words.families
     assert "repeats 3 times in a turn of joint 6" in words.families
 
 
@@ -37,7 +37,7 @@ def test_friction_is_odd_in_the_joints_own_speed():
     assert words.depends == "the position of joint 3 and the direction of motion of joint 5"
     assert words.families[0] == "odd in the speed of joint 5, as friction is"
     elsewhere = told(2, ((raised, TURNING), [0.5, 0.0, 0.3]))
-    assert elsewhere.families[0] == "no part of friction"
+    assert elsewhere.families[0] == "not a friction effect"
     even = told(5, ((Axis(VELOCITY, 5, Family.POWER, -1.0, 1.4, 2.0, 1),), [0.4]))
     assert even.formula == "0.4 dq5^2 N m"
     assert not even.families
@@ -50,7 +50,7 @@ def test_loads_and_what_fades_with_time():
     words = told(5, ((speed, load), [-0.03]), ((speed, fading), [0.0, 1.2]))
     assert words.formula == "(-0.03 dq5 |dq5| |tau5| + 1.2 exp(-t / 6 s) dq5 |dq5|) N m"
     assert words.depends == "the speed of joint 5, the load of joint 5 and the time since the recording began"
-    assert words.families[1] == "exponential in time, over 6 s, as what warms up"
+    assert words.families[1] == "exponential in time, over 6 s, as a joint that warms up"
 
 
 @pytest.mark.parametrize(

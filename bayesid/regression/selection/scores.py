@@ -133,7 +133,7 @@ def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] |
         h.source for group in library for h in group if h.key == effect.key and h.source.name == effect.source.name
     )
     forms = list(alike)
-    for key in effect.source.sought:
+    for key in effect.source.fitted:
         tried = {tuple(form.shape[key]) for form in forms}
         if len(effect.source.shape[key]) == 1 and len(tried) > 2:
             return key, sorted(value for (value,) in tried)
@@ -183,7 +183,7 @@ def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
     """Whether another effect of the same joints is not standard, has more numbers, and improves little more."""
     if other.hypothesis.standard or other.hypothesis.joints != standard.hypothesis.joints:
         return False
-    numbers, least = (len(s.hypothesis.columns.sd) + len(s.hypothesis.source.sought) for s in (other, standard))
+    numbers, least = (len(s.hypothesis.columns.sd) + len(s.hypothesis.source.fitted) for s in (other, standard))
     if numbers <= least or other.mean_square is None or standard.mean_square is None:
         return False
     if at_blunt_floor(data, standard.mean_square)[list(standard.hypothesis.columns.joints)].all():
