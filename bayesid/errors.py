@@ -21,8 +21,8 @@ def printable(text: str) -> str:
 def near_names(name: str, known: Iterable[str]) -> str:
     """A hint "did you mean ...?" with the known names nearest to an unknown one; empty if none is near."""
     near = get_close_matches(name, list(dict.fromkeys(known)), n=3, cutoff=0.5)  # half the letters of both are shared
-    likeness = [SequenceMatcher(None, one, name).ratio() for one in near]
-    meant = [one for one, share in zip(near, likeness, strict=True) if share == likeness[0]]
+    likeness = [SequenceMatcher(None, candidate, name).ratio() for candidate in near]
+    meant = [candidate for candidate, share in zip(near, likeness, strict=True) if share == likeness[0]]
     return f"did you mean {' or '.join(meant)}?" if meant else ""
 
 
@@ -33,19 +33,18 @@ class BayesidError(Exception):
 class InputError(BayesidError, ValueError):
     """The user's input cannot be used.
 
-    Arguments that a sentence names stand in backticks, as `cutoff` or `Sampling.budget`. The command line puts its own
-    options in their place.
+    Arguments are in backticks, as `cutoff` or `Sampling.budget`; the command line replaces them by its options.
 
     Args:
         what: what is wrong, in a few words.
         where: file and row, column or key.
         remedy: what the user can do about it.
-        field: the argument that it is about, if it is about one.
+        field: name of the invalid argument, if any.
 
     Example:
-        >>> error = bayesid.InputError("3 joints, but 2 gains", "log.csv", "give one a joint", field="gains")
+        >>> error = bayesid.InputError("3 joints, but 2 gains", "log.csv", "give one per joint", field="gains")
         >>> error.field, str(error)
-        ('gains', '`gains` log.csv: 3 joints, but 2 gains; give one a joint')
+        ('gains', '`gains` log.csv: 3 joints, but 2 gains; give one per joint')
     """
 
     def __init__(self, what: str, where: str = "", remedy: str = "", field: str = "") -> None:
@@ -58,12 +57,12 @@ class InputError(BayesidError, ValueError):
 
 
 def missing(library: str, extra: str, where: str) -> InputError:
-    """The error where a library is needed that an extra of bayesid installs."""
+    """The error for a missing library, which an extra of bayesid installs."""
     return InputError(f"needs {library}, which is not installed", where, f"pip install 'bayesid[{extra}]'")
 
 
 class SolverError(BayesidError, RuntimeError):
-    """An optimisation ended without a solution: the stage that was being solved, and the solver's own status."""
+    """An optimisation ended without a solution: its stage, and the solver's status."""
 
     def __init__(self, stage: str, status: str) -> None:
         self.stage, self.status = stage, status

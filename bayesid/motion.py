@@ -13,19 +13,19 @@ from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.errors import InputError, printable
 
 STANDSTILL = 0.01
-"""Share of an actuator's highest speed that counts as standstill: friction's direction is then unknown. Halved or
-doubled, fewer signs of KR300's log are right."""
+"""Share of an actuator's highest speed that counts as standstill, with unknown direction of friction. Halved or
+doubled, fewer signs of KR300's log are right (`ablation`)."""
 _LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
-SLOWEST = 1e-6  # rad/s, far below an encoder's resolution; an actuator that is never faster counts as at rest
+SLOWEST = 1e-6  # rad/s, far below an encoder's resolution; a slower actuator is at rest
 
 
 def unlabelled() -> Labels:
-    """The label of a flange that carries nothing."""
+    """The label of an empty flange."""
     return np.array("")
 
 
 def check_label(label: object) -> str:
-    """The label of a payload, which becomes a part of names; InputError unless letters, digits and underscores."""
+    """The label of a payload; InputError unless it has only letters, digits and underscores."""
     if not isinstance(label, str) or not _LABEL.fullmatch(label):
         remedy = "give letters (a to z), digits and underscores, 40 at most, as in tool1"
         raise InputError(f"{printable(str(label))[:60]!r} is not a valid label of a payload", "payload", remedy)
@@ -33,7 +33,7 @@ def check_label(label: object) -> str:
 
 
 def labels(values: object, rows: int) -> Labels:
-    """(rows,) read-only labels of payloads, of as many or of one for all; ValueError if of another number of rows."""
+    """(rows,) read-only labels of payloads, from one label or one per row; ValueError for another number."""
     return np.broadcast_to(np.asarray(values, dtype=np.str_), (rows,))
 
 
@@ -45,8 +45,8 @@ class Motion:
     q: Array  #: (N, n) joint positions, rad (m for a prismatic joint)
     dq: Array  #: (N, n) joint velocities, rad/s
     ddq: Array  #: (N, n) joint accelerations, rad/s^2
-    origin: float = np.nan  #: when the recording began, s; the first instant, unless this is a part of a longer motion
-    #: (N,) label of what the flange carries, or one for all; empty where it carries nothing, as by default
+    origin: float = np.nan  #: start of the recording, s; by default the first instant
+    #: (N,) label of the payload, or one label for all rows; empty without a payload
     payload: Labels = field(default_factory=unlabelled)
 
     def __post_init__(self) -> None:
@@ -86,11 +86,11 @@ class Motion:
         return Motion(self.t[rows], q, dq, ddq, self.origin, self.payload[rows])
 
     def joints(self, chosen: list[int]) -> Motion:
-        """The motion of some (0-based) joints alone."""
+        """The motion of some (0-based) joints."""
         return replace(self, q=self.q[:, chosen], dq=self.dq[:, chosen], ddq=self.ddq[:, chosen])
 
     def ago(self, lag: float) -> Motion:
-        """The motion `lag` seconds ago; before its beginning it is continued by its first cubic."""
+        """The motion `lag` seconds ago; before its beginning it is extrapolated by its first cubic."""
         if lag == 0.0 or len(self) < 2:
             return self
         at = self.t - lag
@@ -98,11 +98,11 @@ class Motion:
         return replace(self, t=at, q=q, dq=dq, ddq=ddq)
 
     def earlier(self, key: object) -> tuple[Array, Array] | None:
-        """(m,) positions one instant before the first and (m, ..) states that an effect kept there; of a log none."""
+        """(m,) positions and (m, ..) states that an effect kept at the previous instant; None for a log."""
         return None
 
     def keep(self, key: object, q: Array, state: Array) -> None:
-        """Keeps what `earlier` gives at the next instant; of a log nothing."""
+        """Stores positions and states for `earlier` at the next instant; does nothing for a log."""
 
 
 class Instant(Motion):
@@ -110,7 +110,7 @@ class Instant(Motion):
 
     #: gives positions, velocities and accelerations, each (n,), so many seconds ago
     past: Callable[[float], tuple[Array, Array, Array]] | None
-    memory: dict[object, tuple[Array, Array]] | None  #: states of effects by key; None where nothing is to be kept
+    memory: dict[object, tuple[Array, Array]] | None  #: states of effects by key; None to keep none
 
     def __init__(
         self,
@@ -123,12 +123,12 @@ class Instant(Motion):
         past: Callable[[float], tuple[Array, Array, Array]] | None = None,
         memory: dict[object, tuple[Array, Array]] | None = None,
     ) -> None:
-        values = self.__dict__  # a frozen dataclass takes as long to make as a product of matrices
+        values = self.__dict__  # the constructor of a frozen dataclass is slow
         values["t"], values["q"], values["dq"], values["ddq"] = t, q, dq, ddq
         values["origin"], values["payload"], values["past"], values["memory"] = origin, payload, past, memory
 
     def joints(self, chosen: list[int]) -> Motion:
-        """As views where possible."""
+        """The same, as views if possible."""
         if len(chosen) == self.q.shape[1] and chosen == [*range(len(chosen))]:
             return self
         index = slice(chosen[0], chosen[0] + 1) if len(chosen) == 1 else chosen  # a view costs a tenth of a copy
@@ -136,17 +136,17 @@ class Instant(Motion):
         return Instant(self.t, q, dq, ddq, self.origin, self.payload, self.past, self.memory)
 
     def ago(self, lag: float) -> Motion:
-        """Likewise; effects keep a separate state for it."""
+        """The same; effects keep a separate state for it."""
         if lag == 0.0 or self.past is None:
             return self
         q, dq, ddq = (values[None] for values in self.past(lag))
         return Instant(self.t - lag, q, dq, ddq, self.origin, self.payload, None, self.memory)
 
     def earlier(self, key: object) -> tuple[Array, Array] | None:
-        """(m,) positions one instant ago and (m, ..) states that an effect kept there; None at the first instant."""
+        """The same; None at the first instant."""
         return None if self.memory is None else self.memory.get((key, self.past is None))
 
     def keep(self, key: object, q: Array, state: Array) -> None:
-        """Keeps what `earlier` gives at the next instant."""
+        """Stores positions and states for `earlier`."""
         if self.memory is not None:
             self.memory[key, self.past is None] = (q, state)

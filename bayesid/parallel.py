@@ -1,11 +1,11 @@
 """Work in other processes, and settings that all threads of a process share.
 
-`in_parallel` shares independent tasks between this process and copies of it (`fork`): tasks need not be pickled, only
-what they return. It works in this process alone where forking is unsafe: not on Linux, not in the main thread, beside
-other threads, or within a task. Tasks of a worker that was killed are not done again.
+`in_parallel` distributes independent tasks to this process and copies of it (`fork`), so only results are pickled. It
+uses only this process if forking is unsafe: on other systems than Linux, outside the main thread, beside other threads,
+or within a task. If a worker is killed, its tasks are not repeated.
 
 Warnings, matplotlib's settings and the number of BLAS threads belong to the whole process: `ALONE` is held while they
-are changed, so that two threads never put back each other's changes.
+are changed, so that threads do not undo each other's changes.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from bayesid.progress import Steps, no_steps
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
-ALONE = threading.RLock()  # held while settings of the process are changed, by whoever changes them
+ALONE = threading.RLock()  # held while settings of the process are changed
 
 
 def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """A function that one thread at a time runs: ArviZ, xarray, pandas and matplotlib change global warning filters."""
+    """Runs a function in one thread at a time: ArviZ, xarray, pandas and matplotlib change global warning filters."""
 
     @wraps(function)
     def alone(*given: Given.args, **named: Given.kwargs) -> Result:
@@ -57,7 +57,7 @@ def quiet(category: type[Warning]) -> Iterator[None]:
 
 
 class _OneBlasThread(ContextDecorator):
-    """The threads inside, counted: the first sets the limit, the last lifts it."""
+    """Counts the threads inside: the first sets the limit, the last removes it."""
 
     def __init__(self) -> None:
         self._inside = 0
@@ -77,7 +77,7 @@ class _OneBlasThread(ContextDecorator):
 
 
 one_blas_thread = _OneBlasThread()
-"""Around functions and blocks whose matrices are small, where threads only wait for each other."""
+"""For functions and blocks with small matrices, which several BLAS threads make slower."""
 
 
 # ---- Worker processes ----
@@ -86,21 +86,20 @@ class WorkerDiedError(BayesidError, RuntimeError):
 
 
 class WorkerPool(ProcessPoolExecutor):
-    """Worker processes that leave Ctrl-C to this process and end with it.
+    """Worker processes that ignore Ctrl-C and end with this process.
 
-    They hold one end of a pipe, this process alone the other: when that is closed, workers end in the middle of their
-    work, as they do where a `with` block ends by an exception. The method by which they are started is "fork" or
-    "spawn".
+    They hold one end of a pipe and this process the other. When that closes, at its end or at an exception in a `with`
+    block, workers stop at once. The start method is "fork" or "spawn".
     """
 
     def __init__(self, workers: int, method: str) -> None:
         context = get_context(method)
         held, self._leash = context.Pipe(duplex=False)
         inherited = self._leash if method == "fork" else None
-        super().__init__(workers, mp_context=context, initializer=_settle_in, initargs=(held, inherited))
+        super().__init__(workers, mp_context=context, initializer=_start_worker, initargs=(held, inherited))
 
     def submit(self, function: Callable[Given, Result], /, *given: Given.args, **named: Given.kwargs) -> Future[Result]:
-        """Hands out a task; a worker that is started for it inherits that Ctrl-C is blocked."""
+        """Submits a task; a worker started for it inherits a blocked Ctrl-C."""
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return super().submit(function, *given, **named)
@@ -113,7 +112,7 @@ class WorkerPool(ProcessPoolExecutor):
         self.shutdown()
 
 
-def _settle_in(held: Connection, inherited: Connection | None) -> None:
+def _start_worker(held: Connection, inherited: Connection | None) -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -130,23 +129,23 @@ def _end_with_leash(held: Connection) -> None:
 
 
 # ---- Tasks of this process ----
-_tasks: Sequence[Callable[[], Any]] = ()  # those that this process is sharing at the moment; workers inherit them
+_tasks: Sequence[Callable[[], Any]] = ()  # the current tasks; workers inherit them
 _onlookers: set[threading.Thread] = set()
 _FORKING = 0.25
-"""s: tasks that take less together are done in this process. Two workers of a process of 1 GB cost as much: every page
-that either side writes to is copied."""
+"""s; shorter work is done in this process. Two workers of a process of 1 GB cost about as much, as pages that either
+side writes to are copied."""
 
 
 def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -> list[Result]:
-    """What every task returns, in their order.
+    """Results of all tasks, in order.
 
     Args:
-        tasks: that change nothing; what they return is pickled. Of more tasks than processors the first is done in this
-            process, and so are the others where that was quick.
+        tasks: functions without side effects; results are pickled. If there are more tasks than processors, the first
+            is done in this process, and also the others if it was quick.
         done: called as done(tasks done, tasks).
 
     Raises:
-        Exception: whatever the first task that failed has raised.
+        Exception: that of the first failed task.
         WorkerDiedError: a worker was killed.
     """
     global _tasks
@@ -172,7 +171,7 @@ def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -
 
 
 def processors() -> int:
-    """Processors that this process may use: those it is bound to, at most `OMP_NUM_THREADS` of them."""
+    """Number of processors that this process may use, at most `OMP_NUM_THREADS`."""
     if not hasattr(os, "sched_getaffinity"):
         return 1
     limit = os.environ.get("OMP_NUM_THREADS", "")
@@ -182,14 +181,14 @@ def processors() -> int:
 
 @contextmanager
 def onlookers() -> Iterator[None]:
-    """For blocks whose threads only draw progress bars: no task needs one of their locks."""
+    """For blocks whose threads only draw progress bars: tasks need none of their locks."""
     before = set(threading.enumerate())
     yield
     _onlookers.update(set(threading.enumerate()) - before)
 
 
 def _may_fork() -> bool:
-    """Forking beside other threads is unsafe: a lock that one of them holds is never released in the worker."""
+    """Forking beside other threads is unsafe: their locks are never released in the worker."""
     here = threading.current_thread()
     others = set(threading.enumerate()) - {here}
     _onlookers.intersection_update(others)

@@ -11,11 +11,11 @@ Show = Callable[[str, int, int], None]  # called as show(stage, done, total)
 
 
 def no_steps(done: int, total: int) -> None:
-    """Says nothing."""
+    """Does nothing."""
 
 
 def _silent(stage: str, done: int, total: int) -> None:
-    """Says nothing."""
+    """Does nothing."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Progress:
 
     @classmethod
     def of(cls, show: Progress | Show) -> Progress:
-        """That of any callable."""
+        """A progress from a callable."""
         return show if isinstance(show, Progress) else cls(show)
 
     @contextmanager

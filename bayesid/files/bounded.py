@@ -1,7 +1,6 @@
-"""Text from outside, read within bounds: its size, depth and digits are checked before anything else looks at it.
+"""Bounded reading of text from outside: size, depth and digits are checked first.
 
-What passes here raises `InputError` and nothing else, whatever the bytes are. Files that bayesid itself wrote are read
-without these bounds.
+Any bytes raise `InputError` or nothing. Files written by bayesid are read without these bounds.
 """
 
 from __future__ import annotations

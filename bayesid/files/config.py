@@ -43,7 +43,7 @@ def read_config(path: Path) -> dict[str, Any]:
             raise InputError(f"unknown key {key!r:.60}", where, f"{near} {_REMEDY}".strip())
         items = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]
         if not all(isinstance(item, str | bool | int | float) for item in items):
-            raise InputError(f"{key} is no text, number or list", where, _REMEDY)
+            raise InputError(f"{key} is not a text, number or list", where, _REMEDY)
     return table
 
 

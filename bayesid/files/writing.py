@@ -1,8 +1,7 @@
 """Atomic writing of files and folders: written under a temporary name, then renamed.
 
-An earlier folder is replaced only if it holds no other files. A process that is killed leaves a hidden folder or file
-(`.NAME-..`); killed between the two renames of a folder, it leaves the earlier folder in there as `old`. If two
-processes write the same target, the last one wins.
+An earlier folder is replaced only if it holds no other files. A killed process leaves a hidden folder or file
+(`.NAME-..`), which may hold the earlier folder as `old`. If two processes write the same target, the last one wins.
 """
 
 from __future__ import annotations
@@ -64,8 +63,8 @@ def check_place(path: Path) -> None:
     """Raises InputError unless a path can be created, with parent folders."""
     above = next(parent for parent in check_name(path).absolute().parents if parent.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-        said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
-        raise InputError(said, str(path), "give `folder` another place")
+        what = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
+        raise InputError(what, str(path), "give `folder` another place")
 
 
 def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
@@ -116,7 +115,7 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object
 def write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
     """Writes a CSV file, one column per key; floats to nine digits."""
     table = ([row[key] for key in rows[0]] for row in rows)
-    texts = ([f"{one:.9g}" if isinstance(one, float) else one for one in row] for row in table)
+    texts = ([f"{value:.9g}" if isinstance(value, float) else value for value in row] for row in table)
     write_rows(path, list(rows[0]), texts)
 
 
@@ -190,4 +189,4 @@ def read_json(path: Path, kind: type[Kind], remedy: str) -> Kind:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, RecursionError, ValueError) as error:  # msgspec's errors are ValueErrors
         reason = " ".join(printable(str(error)).split())
-        raise InputError(f"is no file of bayesid ({reason})", str(path), remedy) from None
+        raise InputError(f"is not a file of bayesid ({reason})", str(path), remedy) from None
