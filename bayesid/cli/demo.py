@@ -22,6 +22,7 @@ from bayesid.identification.checks import State
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
+from bayesid.number_text import percent
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import ParameterPrior
@@ -148,7 +149,7 @@ def _signs_lines(experiment: Experiment) -> list[str]:
     """Signs in order of time, one line per joint; weak segments in brackets, wrong ones marked."""
     result = experiment.result
     lines = [
-        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
+        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {percent(NOISE, 0)}, signs removed",
         "signs of the segments; in brackets: |effort| below 5 % of the joint's maximum; !: wrong",
     ]
     for j in range(result.model.robot.n_joints):
@@ -166,8 +167,8 @@ def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:
         f"{len(experiment.result.coefficients)} coefficients in total, see coefficients.csv",
         "",
         "torque error on a new trajectory, Newton-Euler with the feasible parameters, joints 1 to 6",
-        "  against the true torques:           " + "  ".join(f"{error:.2%}" for error in experiment.torque_error),
-        "  against measured ones, with noise:  " + "  ".join(f"{error:.2%}" for error in of_measured),
+        "  against the true torques:  " + "  ".join(percent(error, 2) for error in experiment.torque_error),
+        "  against measured ones:     " + "  ".join(percent(error, 2) for error in of_measured),
         "  (the report shows the second line: true torques are unknown on a real robot)",
     ]
 

@@ -18,6 +18,7 @@ from bayesid.files.writing import replace_file, write_json
 from bayesid.identification.checks import Check, State
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.log.sources import find_logs
+from bayesid.number_text import percent
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import Conclusion, conclude
 from bayesid.report.grading import graded
@@ -74,15 +75,15 @@ def _next(options: argparse.Namespace, conclusion: Conclusion) -> str:
 
 
 def _percent(share: float) -> str:
-    return "-" if np.isnan(share) else f"{share:.2%}"
+    return "-" if np.isnan(share) else percent(share, 2)
 
 
 def _checks(result: Repeatability) -> list[Check]:
     worst, apart = float(np.nanmax([0.0, *result.relative])), float(result.position.max())
     limits = IDENTIFICATION.suspicious, REGRESSION.poor_fit
-    floor = f"the floor is {worst:.1%} of a joint's effort (good: up to {limits[0]:.0%})"
+    floor = f"the floor is {percent(worst, 1)} of a joint's effort (good: up to {percent(limits[0], 0)})"
     remedy = "check what changed between the recordings: payload, temperature, gains"
-    moved = f"positions differ by {apart:.1%} of a joint's range (good: up to {TUNING.repeated:.1%})"
+    moved = f"positions differ by {percent(apart, 1)} of a joint's range (good: up to {percent(TUNING.repeated, 1)})"
     same = Check(
         "Motion",
         "good" if apart <= TUNING.repeated else "look",

@@ -38,13 +38,14 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
 from bayesid.log.sources import find_logs
 from bayesid.motion import check_label
+from bayesid.number_text import percent, quantity
 from bayesid.report import grading, model_checks, tables, verdicts
 from bayesid.report.conclusion import Conclusion, conclude
 from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification, save_or_rescue
 from bayesid.report.report_data import report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.summary import Summary
-from bayesid.report.words import counted, quantity
+from bayesid.report.words import counted
 from bayesid.robot import Robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
@@ -165,11 +166,12 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
 def _identification_parts(result: Identification, summary: Summary) -> list[RenderableType]:
     search, hidden = result.search, summary.hidden_joints > 0
     proof, seconds = verdicts.proof(summary), result.timings["search"]
-    determined = f"; signs determined for {result.persistent_share:.1%} of the samples" if search.certified else ""
+    share = percent(result.persistent_share or 0.0, 1)
+    determined = f"; signs determined for {share} of the samples" if search.certified else ""
     searched = f" ({summary.n_segments_searched} searched)" if hidden else ""
     return [
         f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments{searched}, "
-        f"{summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
+        f"{summary.n_coefficients} coefficients ({result.n_known} known to {percent(KNOWN, 0)}), condition "
         f"number {result.fit.condition:.0f}",
         *_payloads(summary),
         _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, determined)
@@ -192,9 +194,9 @@ def _joints(result: Identification) -> RenderableType:
     rows = []
     for j, known in enumerate(signed.tolist()):
         of_joint = confidence[segments.joint == j]
-        signs = ["known", "known"] if known else [f"{of_joint.min():.2f}", f"{shares[j]:.1%}"]
-        rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), f"{left[j]:.1%}"])
-    of_signs = [] if signed.all() else ["lowest confidence", f"|effort| with a sign {100 * SURE:g} % certain"]
+        signs = ["known", "known"] if known else [f"{of_joint.min():.2f}", percent(shares[j], 1)]
+        rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), percent(left[j], 1)])
+    of_signs = [] if signed.all() else ["lowest confidence", f"|effort| with a sign {percent(SURE, 0)} certain"]
     return table(["joint", "segments", *of_signs, "relative residual"], rows)
 
 
@@ -261,7 +263,7 @@ def _separate_parts(separate: BatchResult) -> list[RenderableType]:
     for log, figures in ((run.log, run.figures) for run in separate.runs if run.figures):
         proven, converged = ({"": "-", True: "yes", False: "NO"}[figures[key]] for key in ("certified", "converged"))
         counts, worst = (str(figures[key]) for key in ("n_samples", "n_segments")), figures["worst_relative_residual"]
-        rows.append([str(log), *counts, proven, converged, f"{worst:.1%}", figures["verdict"]])
+        rows.append([str(log), *counts, proven, converged, percent(worst, 1), figures["verdict"]])
     headings = ["log", "samples", "segments", "proven", "converged", "worst relative residual", "verdict"]
     few = "fewer than two results: no comparison"
     agreement = few if separate.agreement is None else agreement_text(separate.agreement)

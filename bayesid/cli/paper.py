@@ -32,6 +32,7 @@ from bayesid.identification.pipeline import identify_with
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, prepare
+from bayesid.number_text import percent
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.least_squares import constant_stretches
@@ -208,11 +209,11 @@ def letter_command(options: argparse.Namespace) -> None:
 def _checks(experiment: LetterExperiment) -> list[Check]:
     """Checks against the simulated truth."""
     count, known = len(experiment.segments), experiment.known
-    right, nodes = count - experiment.wrong, len(experiment.nodes)
+    right, nodes, enough = count - experiment.wrong, len(experiment.nodes), known >= _KNOWN_IN_PAPER - 1
     return [
         Check("Signs", "bad" if experiment.wrong else "good", f"{right} of {count} segments have the right sign"),
         Check("Nodes", "good" if nodes == experiment.expected_nodes else "bad", f"{nodes} nodes"),
-        Check("Coefficients", "good" if known >= _KNOWN_IN_PAPER - 1 else "look", f"{known} are known to {KNOWN:.0%}"),
+        Check("Coefficients", "good" if enough else "look", f"{known} are known to {percent(KNOWN, 0)}"),
     ]
 
 
@@ -227,7 +228,9 @@ def coefficient_table(estimates: Array, sds: Array) -> RenderableType:
     rows = []
     for row, estimate, sd in zip(TABLE_II, estimates, sds, strict=True):
         values = (f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd))
-        rows.append([str(row.number), row.expression, *values, f"{sd / abs(row.nominal):.1%}" if row.nominal else "-"])
+        rows.append(
+            [str(row.number), row.expression, *values, percent(sd / abs(row.nominal), 1) if row.nominal else "-"]
+        )
     return table(["#", "coefficient", "nominal", "paper", "estimate", "sd", "relative sd"], rows, left=["coefficient"])
 
 
@@ -257,12 +260,13 @@ def _lines(experiment: LetterExperiment) -> list[str]:
     depths = len({node.depth for node in experiment.nodes})
     s0, w = SEARCH.initial_segments, SEARCH.width
     return [
-        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
+        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {percent(NOISE, 0)}, signs removed",
         f"samples above the thresholds: {left} of {experiment.identification.log.effort.size} (paper: 2577 of 4002)",
         f"segments: {count} (paper: 39)",
         f"nodes: {len(experiment.nodes)} = 2^{s0} + {2 * w} ({count} - {s0}) (paper: {2**s0 + 2 * w * (39 - s0)})",
         f"signs: {count - experiment.wrong} of {count} right (paper: all)",
-        f"coefficients of Table II known to {KNOWN:.0%}: {known} (paper: {_KNOWN_IN_PAPER}; one of them is zero here)",
+        f"coefficients of Table II known to {percent(KNOWN, 0)}: {known} (paper: {_KNOWN_IN_PAPER}; one of them is zero"
+        " here)",
         f"depths at which least squares with the right signs is infeasible: {len(infeasible)} of {depths}",
         "",
     ]

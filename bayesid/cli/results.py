@@ -20,6 +20,7 @@ from bayesid.identification.options import Preprocessing
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
+from bayesid.number_text import percent
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
@@ -77,7 +78,7 @@ def _unvalidated(result: Validation) -> Conclusion:
     """The verdict on the log that the model was identified from."""
     seen, most = "No validation: the model was identified from this log", np.nanmax([0.0, *result.relative_residual])
     if most > REGRESSION.poor_fit:
-        seen += f", and the relative residual is up to {most:.0%} even there"
+        seen += f", and the relative residual is up to {percent(most, 0)} even there"
     state: State = "bad" if most > REGRESSION.poor_fit else "look"
     remedy = "give a log that the model has not seen"
     return Conclusion(state, sentence(state, seen), (Check("Validation", state, "", remedy),))
@@ -86,7 +87,7 @@ def _unvalidated(result: Validation) -> Conclusion:
 def _validation_parts(result: Validation) -> list[RenderableType]:
     figures, why = zip(result.rms_error, result.relative_residual, result.coverage, strict=True), result.not_compared
     rows = [
-        [str(j), *([why[j], "-", "-"] if j in why else [f"{error:.4g}", f"{relative:.1%}", f"{inside:.1%}"])]
+        [str(j), *([why[j], "-", "-"] if j in why else [f"{error:.4g}", percent(relative, 1), percent(inside, 1)])]
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]

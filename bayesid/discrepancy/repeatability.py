@@ -14,6 +14,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals, prepare
+from bayesid.number_text import percent
 from bayesid.robot import Robot, check_joints
 
 
@@ -53,7 +54,8 @@ def repeatability(robot: Robot, log: Log, other: Log) -> Repeatability:
     apart = np.sqrt(np.mean((q - first.motion.q[common]) ** 2, axis=0)) / np.where(moving, span, np.inf)
     if apart.max() > TUNING.same_motion:
         joint = int(apart.argmax())
-        said = f"positions of joint {joint + 1} differ from those of {log.source} by {apart[joint]:.0%} of its range"
+        by = percent(apart[joint], 0)
+        said = f"positions of joint {joint + 1} differ from those of {log.source} by {by} of its range"
         raise InputError(said, other.source, "give two recordings of the same motion")
     compared = used.any(axis=0)
     floor = np.where(compared, repetition_sd(first.effort[common], effort, used), np.nan)

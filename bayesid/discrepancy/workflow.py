@@ -28,6 +28,7 @@ from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
+from bayesid.number_text import percent
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress, Show
@@ -307,7 +308,7 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     blunt = np.flatnonzero(~floor.sharp).tolist()
     if blunt:
         joints = ", ".join(str(j + 1) for j in blunt)
-        share = f"in its own log the model's residual was above {TUNING.good_fit:.0%} in joint {joints}"
+        share = f"in its own log the model's residual was above {percent(TUNING.good_fit, 0)} in joint {joints}"
         warnings.append(f"{share}: the noise floor there is taken from this log ({floor.origin[blunt[0]]})")
     if stopped:
         tried = f"the search for sets of effects stopped after {TUNING.most_sets} sets"

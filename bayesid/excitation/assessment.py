@@ -32,6 +32,7 @@ from bayesid.excitation.tuning import TUNING
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
+from bayesid.number_text import percent
 from bayesid.parallel import one_blas_thread
 from bayesid.regression.normal_equations import normal_equations
 from bayesid.robot import Robot, check_joints, load_robot
@@ -180,7 +181,7 @@ def _remarks(assessment: ExcitationAssessment) -> Iterator[str]:
             "accelerate the joints at the same time, so that they load each other"
         )
     for j in _idle(assessment):
-        yield f"joint {j + 1} is at standstill {assessment.idle[j]:.0%} of the time: reduce pauses"
+        yield f"joint {j + 1} is at standstill {percent(assessment.idle[j], 0)} of the time: reduce pauses"
     undecided = {coefficients.names[i] for i in assessment.undecided}
     for term in model.terms:
         own = [parameter.name for parameter in term.parameters(model.robot) if parameter.name in undecided]
@@ -188,11 +189,11 @@ def _remarks(assessment: ExcitationAssessment) -> Iterator[str]:
             designs = "`bayesid excite` designs a suitable motion"
             remedy = designs if term.name == "rigid_body" else f"recommended motion: {term.shown_by}"
             kind = term.name.replace("_", " ")
-            yield f"undecided at a noise of {assessment.noise:.0%} ({kind}): {', '.join(own)}; {remedy}"
+            yield f"undecided at a noise of {percent(assessment.noise, 0)} ({kind}): {', '.join(own)}; {remedy}"
     for j in np.flatnonzero(assessment.doubtful > TUNING.doubtful).tolist():
         yield (
-            f"about {assessment.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments "
-            "that are short or weak: use fewer sign changes of the torque, and record longer"
+            f"about {percent(assessment.doubtful[j], 0)} of the energy of joint {j + 1} would have the wrong sign, in "
+            "segments that are short or weak: use fewer sign changes of the torque, and record longer"
         )
     bodies = model.cone.bodies.ravel().tolist()
     for p in np.flatnonzero(np.abs(coefficients.projection).max(axis=0) > 0.0).tolist():

@@ -18,6 +18,7 @@ from bayesid.identification.misread import Misreading
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals, still_joints
+from bayesid.number_text import percent
 from bayesid.posterior.inference import Posterior
 from bayesid.regression.knowledge import NominalParameters
 from bayesid.regression.least_squares import Fit
@@ -115,8 +116,9 @@ def no_effort(joints: Sequence[int], names: Sequence[str]) -> Check:
 
 def poor_fit(relative_residual: Sequence[float], *, hidden: bool) -> Check:
     """The relative residual (n,) of some joints is large; `hidden` if some signs are unknown."""
-    poor = [f"{share:.0%} in joint {j}" for j, share in enumerate(relative_residual, 1) if share > REGRESSION.poor_fit]
-    message = f"large residual: {', '.join(poor)} of the RMS effort; up to {REGRESSION.poor_fit:.0%} is expected"
+    most = REGRESSION.poor_fit
+    poor = [f"{percent(share, 0)} in joint {j}" for j, share in enumerate(relative_residual, 1) if share > most]
+    message = f"large residual: {', '.join(poor)} of the RMS effort; up to {percent(most, 0)} is expected"
     remedy = f"a term is missing{', or signs are wrong despite their confidence' * hidden}"
     return Check("Fit", "bad", message, remedy)
 
@@ -132,14 +134,14 @@ def not_proven(cost: float, lower_bound: float | None, uncertified_because: str,
     if timed_out or lower_bound is None:
         return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
     gap = cost - lower_bound
-    found = f"the squared residual of another assignment may be up to {gap / max(cost, TINY):.1%} smaller"
+    found = f"the squared residual of another assignment may be up to {percent(gap / max(cost, TINY), 1)} smaller"
     message = f"not proven ({found if gap < cost else 'no lower bound was found'})"
     return Check("Proof", "look", message, "give more --search-budget, or a longer log")
 
 
 def contradiction(share: float) -> Check:
     """Search and posterior disagree on signs with this share of a joint's effort."""
-    message = f"search and posterior disagree on signs carrying up to {share:.0%} of a joint's effort"
+    message = f"search and posterior disagree on signs carrying up to {percent(share, 0)} of a joint's effort"
     state: State = "bad" if share > 0.5 else "look"
     return Check("Proof", state, message, f"{TELL_APART}; or validate on a log with known signs")
 
@@ -185,7 +187,9 @@ def _above(value: float, limit: float) -> str:
 
 def active_bounds(active_bounds: Mapping[str, float | None]) -> Check:
     """Bounds of the prior that limit the posterior, with the share of draws near each."""
-    parts = ", ".join(f"{name} ({share or 0.0:.0%} of the draws near it)" for name, share in active_bounds.items())
+    parts = ", ".join(
+        f"{name} ({percent(share or 0.0, 0)} of the draws near it)" for name, share in active_bounds.items()
+    )
     message = f"the prior's bounds limit the posterior, not the data: {parts}"
     return Check("Data or prior", "bad", message, "give the scales of the links by --links")
 
@@ -194,7 +198,7 @@ def modes(weights: Sequence[float], flipped: Sequence[Sequence[int]], chosen: in
     """Whether the posterior has several modes: their weights, and the joints (from 1) flipped against the first."""
     others = [k for k in range(len(weights)) if k != chosen and weights[k] > TUNING.other_mode]
     if not others:
-        return Check("Modes", "good", f"no other mode has more than {TUNING.other_mode:.0%} of the probability")
+        return Check("Modes", "good", f"no other mode has more than {percent(TUNING.other_mode, 0)} of the probability")
     parts = []
     for k in others:
         joints = ", ".join(map(str, flipped[k]))
@@ -215,7 +219,7 @@ def contradicted_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
 
 def active_constraints(shares: Mapping[str, float]) -> Check:
     """Constraints that limit the posterior, with the share of draws on the boundary of each."""
-    parts = ", ".join(f"{label} ({share:.1%} of the draws on its boundary)" for label, share in shares.items())
+    parts = ", ".join(f"{label} ({percent(share, 1)} of the draws on its boundary)" for label, share in shares.items())
     return _remark(f"active constraint{'s' * (len(shares) > 1)}: {parts}")
 
 

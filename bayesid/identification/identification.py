@@ -21,6 +21,7 @@ from bayesid.log.formats.encodings import DOUBT
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
+from bayesid.number_text import percent
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.regression.knowledge import ParameterPrior, nominal_values
@@ -120,9 +121,9 @@ class Identification(IdentifiedModel):
             f"Identification of {self.model.robot.name} from {self.log.source}: {len(self.log)} rows, "
             f"{self.log.n_joints} joints, {int(self.log.signed.sum())} of them signed",
             f"signs         {self._about_signs}",
-            f"coefficients  {len(self.coefficients)}, {self.n_known} known to {KNOWN:.0%}; condition number "
+            f"coefficients  {len(self.coefficients)}, {self.n_known} known to {percent(KNOWN, 0)}; condition number "
             f"{self.fit.condition:.0f}",
-            f"fit           relative residual {residual.min():.1%} to {residual.max():.1%} per joint",
+            f"fit           relative residual {percent(residual.min(), 1)} to {percent(residual.max(), 1)} per joint",
             f"posterior     {self._about_posterior}",
             f"effects       {self._about_effects}",
             f"warnings      {len(self.warnings) or 'none'}",
@@ -171,7 +172,9 @@ class Identification(IdentifiedModel):
             return "all known"
         proof = "proven: no other assignment costs less" if self.search.certified else "not proven"
         count, sure = len(self.recorded_segments[0]), self.sure_shares.mean()
-        return f"{count} segments, {proof}; {sure:.1%} of |effort| has a sign of probability >= {SURE:.0%}"
+        return (
+            f"{count} segments, {proof}; {percent(sure, 1)} of |effort| has a sign of probability >= {percent(SURE, 0)}"
+        )
 
     @property
     def _about_posterior(self) -> str:

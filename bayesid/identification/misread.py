@@ -37,6 +37,7 @@ from bayesid.identification.readings import (
 )
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
+from bayesid.number_text import percent
 from bayesid.regression.gains import likely_gains
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.log_data import LogData
@@ -70,7 +71,8 @@ class Misreading:
         """What was seen, as a sentence."""
         if self.kind in ("motion", "scale"):
             return self.change
-        return f"with {self.change} the model leaves {self.leaves:.1%} of the RMS effort instead of {self.given:.1%}"
+        leaves, given = percent(self.leaves, 1), percent(self.given, 1)
+        return f"with {self.change} the relative residual is {leaves} of the RMS effort instead of {given}"
 
     @property
     def message_with_odds(self) -> str:
@@ -214,7 +216,8 @@ def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
         or (given.residual.share < TUNING.joint_related * null.share).any()
     ):
         return None
-    seen = f"the model leaves {given.residual.rms:.0%} of them, and {null.rms:.0%} if they are shifted in time"
+    as_given, if_shifted = percent(given.residual.rms, 0), percent(null.rms, 0)
+    seen = f"the relative residual is {as_given}, and {if_shifted} if they are shifted in time"
     reading = replace(given.fitted.reading, kind="motion", change=f"efforts do not depend on the motion: {seen}")
     return _misreading(reading, null.rms, given.residual.rms, _DECISIVE, sure=True)
 

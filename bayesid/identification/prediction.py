@@ -22,6 +22,7 @@ from bayesid.log.reading import motion_of_arrays, read_motion
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, filtered_motion, signed_effort
 from bayesid.motion import Motion
+from bayesid.number_text import percent
 from bayesid.regression.knowledge import scale_of
 from bayesid.regression.noise import Noise, relative_rms
 from bayesid.robot import Robot
@@ -320,7 +321,7 @@ class Validation:
         lines = [
             f"Validation on {self.log.source}: {len(self.log)} rows",
             "joint    RMS error   relative residual   in 95 % band",
-            *(f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}" for j, error, share, inside in figures),
+            *(f"{j:>5}   {e:>10.4g}   {percent(r, 1):>17}   {percent(c, 1):>14}" for j, e, r, c in figures),
             *(f"joint {joint}: {why}" for joint, why in self.not_compared.items()),
             f"the band includes {self.band}",
             *(["no validation: the model was identified from this log"] if self.seen else []),

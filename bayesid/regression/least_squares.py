@@ -16,6 +16,7 @@ from bayesid.effects.plane import Plane
 from bayesid.errors import SolverError
 from bayesid.log.segments import Segments
 from bayesid.log.signals import signed_effort
+from bayesid.number_text import percent
 from bayesid.regression.inside import move_inside
 from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.log_data import LogData
@@ -68,7 +69,7 @@ class Fit:
     plane: Plane
 
     def __repr__(self) -> str:
-        residual = ", ".join(f"{share:.1%}" for share in self.relative_residual)
+        residual = ", ".join(percent(share, 1) for share in self.relative_residual)
         size = f"{len(self.theta)} parameters, {len(self.beta)} coefficients"
         return f"Fit of {size}: relative residuals {residual}; condition number {self.condition:.0f}"
 

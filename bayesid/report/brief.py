@@ -9,6 +9,7 @@ from bayesid.discrepancy.selection import GROWN
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import noun
 from bayesid.identification.checks import Check
+from bayesid.number_text import percent, quantity, rounded
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.report.discrepancy import (
     above_the_floor,
@@ -19,7 +20,7 @@ from bayesid.report.discrepancy import (
     main_number,
 )
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted, in_percent, joints_in_words, label, listed, quantity, rounded, unit_of
+from bayesid.report.words import counted, joints_in_words, label, listed, unit_of
 
 
 def in_brief(discrepancy: Discrepancy) -> tuple[Check, ...]:
@@ -87,7 +88,7 @@ def _how_large(discrepancy: Discrepancy) -> Iterator[Check]:
     if sizes:
         size, added = max(sizes, key=lambda one: one[0].share)
         largest = effort_in_words(discrepancy, size.largest, size.joint)
-        share = f"{in_percent(size.share)} of its {size.of}"
+        share = f"{percent(size.share)} of its {size.of}"
         what = f"{label(added.effect)} {main_number(added, len(discrepancy.before))}".rstrip()
         yield Check("Size", "good", f"{what}: up to {largest} in joint {size.joint}, {share}")
     elif discrepancy.where:

@@ -16,12 +16,13 @@ from bayesid.effects.catalogue import forms
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
 from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN
+from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.brief import in_brief as last_in_brief
 from bayesid.report.conclusion import Conclusion, sentence
 from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted, form_label, joints_in_words, listed, quantity, rounded, upper
+from bayesid.report.words import counted, form_label, joints_in_words, listed, upper
 
 SECTIONS: Mapping[str, str] = {
     CHANGED: "Changed since the first log",
@@ -106,7 +107,7 @@ def timeline_rule(comparison: ChangeReport) -> str:
     tests = comparison.timeline.n_tested
     return (
         "A parameter has changed if its change since the first log is significant at "
-        f"{DISCREPANCY.level:.0%} (Holm's correction over {tests} tests)."
+        f"{percent(DISCREPANCY.level, 0)} (Holm's correction over {tests} tests)."
     )
 
 

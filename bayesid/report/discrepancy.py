@@ -16,6 +16,7 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
 from bayesid.identification.checks import Check, State
+from bayesid.number_text import percent, quantity, rounded
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.scores import Score
@@ -23,7 +24,7 @@ from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.grading import failed
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
+from bayesid.report.words import joints_in_words, label, listed, unit_of, upper
 
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """Whose error a floor may be, by where it was taken from."""
@@ -89,7 +90,7 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
         parts.append(detail.format(**{symbol: quantity(*number) for symbol, number in added.readable.items()}))
     if (size := added.size) is not None:
         largest = effort_in_words(discrepancy, size.largest, size.joint)
-        parts.append(f"Its largest effort is {largest}, {in_percent(size.share)} of joint {size.joint}'s {size.of}.")
+        parts.append(f"Its largest effort is {largest}, {percent(size.share)} of joint {size.joint}'s {size.of}.")
     unsure, alike = added.probability < TUNING.sure, equivalents(added, noun)
     if unsure:
         shares = added.probability, added.nothing_missing, added.something_else
@@ -134,7 +135,7 @@ def distinguishing_motions(added: AddedEffect) -> str:
 
 
 def _percent(share: float) -> str:
-    return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
+    return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else percent(share, 0)
 
 
 def data_in_words(discrepancy: Discrepancy) -> str:

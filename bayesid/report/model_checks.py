@@ -12,13 +12,14 @@ from bayesid.identification import checks
 from bayesid.identification.checks import Check, State
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
+from bayesid.number_text import percent, rounded
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.grading import graded
 from bayesid.report.report_data import ReportData
 from bayesid.report.summary import CompletionSummary, Numbers, Summary
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import in_percent, joints_in_words, label, listed, rounded
+from bayesid.report.words import joints_in_words, label, listed
 
 
 def fit(findings: ReportData) -> Check:
@@ -28,7 +29,7 @@ def fit(findings: ReportData) -> Check:
     if share.max() > REGRESSION.poor_fit:
         found = checks.poor_fit(share.tolist(), hidden=summary.hidden_joints > 0)
         return replace(found, remedy=f"{found.remedy}: {names_it}", value=share.max(), limit=IDENTIFICATION.suspicious)
-    shares = f"{share.min():.1%} to {share.max():.1%}"
+    shares = f"{percent(share.min(), 1)} to {percent(share.max(), 1)}"
     message = f"relative residual {shares} per joint, largest in joint {int(share.argmax()) + 1}"
     return graded("Fit", share.max(), (IDENTIFICATION.suspicious, REGRESSION.poor_fit), message, names_it)
 
@@ -55,7 +56,7 @@ def held_back_error(complete: CompletionSummary) -> str:
     """Error on held-back blocks without and with the added effects."""
     errors = complete.held_back_error
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
-    return f"torque error on held-back blocks {100 * before:.1f} -> {100 * after:.1f} % of the effort"
+    return f"torque error on held-back blocks {100 * before:.1f} -> {percent(after, 1)} of the effort"
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
@@ -76,7 +77,7 @@ def gains(summary: Summary) -> list[Check]:
     parts = []
     if by_data:
         worst_of = max(of_log.ratio_sd[j - 1] or 0.0 for j in by_data)
-        parts.append(f"ratio{'s' * (len(by_data) > 1)} of {joints_in_words(by_data)} known to {in_percent(worst_of)}")
+        parts.append(f"ratio{'s' * (len(by_data) > 1)} of {joints_in_words(by_data)} known to {percent(worst_of)}")
     if by_prior:
         parts.append(f"{joints_in_words(by_prior)} as stated (prior)")
     unknown_scale = of_log.factor_decided_by == BY_PRIOR
@@ -130,7 +131,7 @@ def whiteness(findings: ReportData) -> Check:
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
     joint, effective = int(lasting.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
     message = (
-        f"up to {lasting.max():.0%} of the residual variance is correlated in time (joint {joint + 1}): "
+        f"up to {percent(lasting.max(), 0)} of the residual variance is correlated in time (joint {joint + 1}): "
         f"{effective:,.0f} effective samples for {count} coefficients; the intervals account for it"
     )
     limits = float(IDENTIFICATION.samples_a_coefficient * count), float(count)
@@ -174,10 +175,12 @@ def validation(findings: ReportData) -> Check:
     share, coverage = prediction.relative_residual[compared], prediction.coverage[compared]
     low, high = TUNING.covered
     poor, covered = share.max() > REGRESSION.poor_fit, low <= coverage.min() and coverage.max() <= high
-    message = f"relative residual {share.min():.1%} to {share.max():.1%} per joint on {prediction.source}"
-    message += f" (good: up to {in_percent(REGRESSION.poor_fit)})" if poor else ""
-    message += f"; {coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the 95 % bands"
-    message += "" if covered else f" (good: {100.0 * low:g} to {in_percent(high)})"
+    message = (
+        f"relative residual {percent(share.min(), 1)} to {percent(share.max(), 1)} per joint on {prediction.source}"
+    )
+    message += f" (good: up to {percent(REGRESSION.poor_fit)})" if poor else ""
+    message += f"; {percent(coverage.min(), 0)} to {percent(coverage.max(), 0)} of the efforts lie in the 95 % bands"
+    message += "" if covered else f" (good: {100.0 * low:g} to {percent(high)})"
     left_out = sorted(set(range(len(prediction.relative_residual))) - set(compared.tolist()))
     if left_out:
         message += f"; no effort to compare in {joints_in_words(j + 1 for j in left_out)}"

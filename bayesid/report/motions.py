@@ -22,6 +22,7 @@ from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN
 from bayesid.log.corrections import corrections
 from bayesid.motion import Motion
+from bayesid.number_text import percent
 from bayesid.report.conclusion import Conclusion, sentence
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
@@ -108,7 +109,7 @@ def design_text(design: ExcitationDesign) -> str:
     """A table of the joints, figures at the start and reached, and coefficients that are not determined."""
     before, after, shares, names = design.start, design.reached, design.of_limits, design.coefficients.names
     resolved = [f"{value:.3g}" for value in after.joints.resolvability[: design.motion.n_joints]]
-    undecided, noise = [names[i] for i in design.undecided], f"{design.noise:.0%}"
+    undecided, noise = [names[i] for i in design.undecided], percent(design.noise, 0)
     lines = [
         f"{design.model.robot.name}: {design.motion.t[-1]:g} s at {design.rate:g} Hz, "
         f"{counted(design.periods, 'period')}, from rest to rest",
@@ -116,7 +117,8 @@ def design_text(design: ExcitationDesign) -> str:
         "positions in rad (m for sliding joints), speed and acceleration as shares of their limits;",
         f"{_RESOLVABILITY}, at a noise of {noise}",
         f"condition number {before.condition:.1f} at the start, {after.condition:.1f} reached",
-        f"noise tolerance of the signs: {before.tolerance:.0%} of the RMS at the start, {after.tolerance:.0%} reached",
+        f"noise tolerance of the signs: {percent(before.tolerance, 0)} of the RMS at the start, "
+        f"{percent(after.tolerance, 0)} reached",
         f"lowest resolvability: {_group(after.joints)}",
         f"not determined at a noise of {noise}: {len(undecided)} of {len(names)} coefficients, {', '.join(undecided)}"
         if undecided
@@ -131,7 +133,11 @@ def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequenc
     start, low, high = motion.q[0], motion.q.min(axis=0), motion.q.max(axis=0)
     used = [np.abs(values).max(axis=0) for values in (speed, acceleration)]
     return [
-        [str(j + 1), f"{start[j]:.3f}", f"{low[j]:.2f}", f"{high[j]:.2f}", *(f"{share[j]:.0%}" for share in used), more]
+        [
+            *(str(j + 1), f"{start[j]:.3f}", f"{low[j]:.2f}", f"{high[j]:.2f}"),
+            *(percent(share[j], 0) for share in used),
+            more,
+        ]
         for j, more in enumerate(last)
     ]
 
@@ -154,9 +160,9 @@ def assessment_text(assessment: ExcitationAssessment) -> str:
                 f"{assessment.acceleration[j]:.1f}",
             ),
             *(
-                f"{assessment.idle[j]:.0%}",
+                percent(assessment.idle[j], 0),
                 f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known",
-                f"{assessment.doubtful[j]:.1%}",
+                percent(assessment.doubtful[j], 1),
             ),
         ]
         for j in range(len(assessment.reach))
@@ -165,7 +171,7 @@ def assessment_text(assessment: ExcitationAssessment) -> str:
         f"{assessment.source}: excitation is {assessment.state}",
         table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
-        f"doubtful: expected energy with a wrong sign; both at a noise of {assessment.noise:.0%}",
+        f"doubtful: expected energy with a wrong sign; both at a noise of {percent(assessment.noise, 0)}",
         f"condition number {assessment.condition:.1f} with equal noise in all joints; `identify` estimates the noise",
         *([] if flips is None else [f"lowest resolvability: {_group(flips)}"]),
         *(f"- {remark}" for remark in assessment.remarks),
@@ -317,8 +323,8 @@ def next_motion_text(design: NextExperiment) -> str:
     lines = [
         f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest{carried}",
         *(_of_rivals(predicted, design.of_random) if design.goal is None else _of_goal(design, design.goal.names)),
-        f"certain signs: {predicted.certain_signs:.1%} of |effort| "
-        f"(random motion: {design.of_random.certain_signs:.1%})",
+        f"certain signs: {percent(predicted.certain_signs, 1)} of |effort| "
+        f"(random motion: {percent(design.of_random.certain_signs, 1)})",
         "the random motion ignores limits of efforts and distances",
         *(f"- {sentence}" for sentence in design.never),
         "",
@@ -335,7 +341,7 @@ def next_motion_text(design: NextExperiment) -> str:
 def _of_goal(design: NextExperiment, names: Sequence[str]) -> Iterator[str]:
     after, random = design.predicted, design.of_random
     yield (
-        f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion "
+        f"coefficients not known to {percent(KNOWN, 0)}: {after.open_now} now, {after.open} after this motion "
         f"({after.open_lacking} if the model error stays as large), {random.open} after a random motion"
     )
     chosen = [k for k, name in enumerate(after.names) if name in names]
@@ -365,7 +371,7 @@ def _joints(design: NextExperiment) -> list[list[str]]:
     speed, acceleration = (np.broadcast_to(limit, n) for limit in (limits.velocity, limits.acceleration))
     known = np.isfinite(design.feasibility.effort)
     shares = design.largest_effort / design.feasibility.effort
-    efforts = [f"{share:.0%}" if shown else "no limit" for share, shown in zip(shares, known, strict=True)]
+    efforts = [percent(share, 0) if shown else "no limit" for share, shown in zip(shares, known, strict=True)]
     return _joint_rows(motion, motion.dq / speed, motion.ddq / acceleration, efforts)
 
 

@@ -12,10 +12,11 @@ from bayesid.identification.gains import BY_PRIOR
 from bayesid.identification.identification import KNOWN
 from bayesid.identification.payload import ASSUMED, AXES, BY_GAINS, Estimate, PayloadEstimate
 from bayesid.log.kept_reading import in_words
+from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.grading import graded
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import in_percent, joints_in_words, quantity, rounded
+from bayesid.report.words import joints_in_words
 
 PAYLOAD = "payload.json"
 PAYLOAD_FILES = frozenset({PAYLOAD})
@@ -94,7 +95,7 @@ def _mass(reading: PayloadEstimate) -> Check:
     by_log = reading.mass_sd_by_log / mass.value
     share = by_log if reading.known_mass is not None else mass.sd / mass.value
     if share > KNOWN:
-        said += f"; relative sd {rounded(100.0 * share)} % (good: up to {in_percent(KNOWN)})"
+        said += f"; relative sd {percent(share)} (good: up to {percent(KNOWN)})"
     remedy = _TURN if by_log > KNOWN else _weigh(reading)
     return graded(name, share, (KNOWN, TUNING.poorly_known), said, remedy)
 

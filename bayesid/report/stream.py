@@ -17,11 +17,12 @@ from bayesid.identification.checks import Check
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay, StreamFigures
 from bayesid.monitor.tracker import Counts, TrackedSample
+from bayesid.number_text import percent, rounded
 from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted, joints_in_words, listed, rounded, upper
+from bayesid.report.words import counted, joints_in_words, listed, upper
 
 STREAM = "stream.json"
 STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
@@ -253,7 +254,7 @@ def _amount(alarm: Alarm) -> str:
 
 
 def _percent(share: float) -> str:
-    return _known(share, f"{100.0 * share:.1f} %")
+    return _known(share, percent(share, 1))
 
 
 def _known(value: float, text: str) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from bayesid.files.writing import plain
 from bayesid.identification.misread import Misreading
 from bayesid.identification.options import Provenance
+from bayesid.number_text import percent
 from bayesid.regression.selection.nuisance_scales import TooNarrow
 
 Kind = TypeVar("Kind")
@@ -61,6 +62,10 @@ class AmbiguousSegment:
     log: str = ""  # its log, if several were joined
 
 
+def _percent(share: float) -> str:
+    return percent(share, 1)
+
+
 def _counts(nodes: Mapping[str, int]) -> str:
     return ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in nodes.items())
 
@@ -88,7 +93,7 @@ class SearchSummary:
     optimality_gap: Number  # of the best cost, all assignments are listed
     assignments: int | None  # number of these, the best among them
     missed_mass: Number  # upper bound of the posterior mass of unlisted assignments over that of the best one
-    persistent_share: Annotated[Number, Shown("Samples with a determined sign", "{:.1%}")]
+    persistent_share: Annotated[Number, Shown("Samples with a determined sign", _percent)]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
     seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
     sdp_solves: Annotated[int, Shown("Constrained least-squares problems")]  # over the feasible parameters
@@ -98,7 +103,7 @@ class SearchSummary:
     # of the last search: result of each method, nominal seconds, and starts
     ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways)] = ()
     # probability that an assignment which no search has found is right; 0 with a proof
-    unlisted_probability: Annotated[Number, Shown("Probability of a better assignment", "{:.1%}")] = None
+    unlisted_probability: Annotated[Number, Shown("Probability of a better assignment", _percent)] = None
 
 
 @dataclass(frozen=True)

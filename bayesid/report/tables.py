@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from bayesid.identification.gains import GIVEN
+from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.summary import Summary
-from bayesid.report.words import in_percent, label, quantity, rounded
+from bayesid.report.words import label
 
 EFFECT_HEADINGS = ("additional effect", "log10 Bayes factor", "size and sd", "could also be")
 """Of `effect_rows`."""
@@ -49,7 +50,7 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
             said,
             quantity(mean or 0.0, sd or 0.0, found.unit),
             f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
-            "" if by == GIVEN else in_percent(ratio or 0.0),
+            "" if by == GIVEN else percent(ratio or 0.0),
             by,
         )
         for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(
@@ -68,7 +69,7 @@ def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
         (
             one.label,
             _price(one.nats),
-            "" if one.at_edge is None else f"{one.at_edge:.1%}",
+            "" if one.at_edge is None else percent(one.at_edge, 1),
             "" if one.at_edge is None else "yes" if one.presses else "no",
         )
         for one in summary.constraints

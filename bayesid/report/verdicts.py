@@ -16,6 +16,7 @@ from bayesid.identification import checks
 from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
+from bayesid.number_text import percent
 from bayesid.report import commands
 from bayesid.report.grading import graded, unsaid
 from bayesid.report.model_checks import additional_effects, decided, fit, gains, intervals, validation, whiteness
@@ -92,8 +93,8 @@ def _segments(findings: ReportData) -> Check:
         return Check(name, "good", "all signs were known")
     doubtful, moving = int((segments.ambiguous & segments.moving).sum()), int(segments.moving.sum())
     message = (
-        f"the sign is at least {SURE:.0%} certain for {share:.1%} of the |effort|; {doubtful} of {moving} segments in "
-        f"motion are ambiguous (confidence below {TUNING.ambiguous:g})"
+        f"the sign is at least {percent(SURE, 0)} certain for {percent(share, 1)} of the |effort|; {doubtful} of "
+        f"{moving} segments in motion are ambiguous (confidence below {TUNING.ambiguous:g})"
     )
     remedy = "move these joints faster or with a load, join several logs, or validate on a log with known signs"
     found = graded(name, share, (TUNING.mostly_sure, TUNING.unsure), message, remedy)
@@ -134,7 +135,7 @@ def proof(summary: Summary) -> Check:
         agreed = search.persistent_share or 0.0
         odds = np.exp(0.5 * within)
         flip = f"{counted(others, 'alternative')} at most {odds:.0f} times less likely flip{'s' * (others == 1)}"
-        message = f"proven: no assignment costs less; {flip} {1.0 - agreed:.1%} of the samples"
+        message = f"proven: no assignment costs less; {flip} {percent(1.0 - agreed, 1)} of the samples"
         return graded(name, agreed, (TUNING.mostly_sure, 0.0), message, ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"

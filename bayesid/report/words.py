@@ -1,8 +1,7 @@
-"""Numbers, units and names in text."""
+"""Units, names and lists in text."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -15,37 +14,6 @@ if TYPE_CHECKING:
 
 _UNITS = {"velocity": "rad/s", "position": "rad", "acceleration": "rad/s^2", "load": "N m", "time": "s"}
 _SLIDING = {"velocity": "m/s", "position": "m", "acceleration": "m/s^2", "load": "N", "time": "s"}
-
-
-def rounded(value: float, digits: int = 3) -> str:
-    """A number to some significant digits, trailing zeros kept."""
-    if not math.isfinite(value):
-        return "unknown" if math.isnan(value) else "-infinite" if value < 0.0 else "infinite"
-    if value and not 1e-4 <= abs(value) < 1e6:  # as Python's `repr`
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{_decimals(value, digits)}f}"
-
-
-def quantity(value: float, sd: float, unit: str) -> str:
-    """1.9 +- 0.1 N m: the deviation to one digit, or two if the first is a one; no deviation where none is known."""
-    if not math.isfinite(value) or not math.isfinite(sd) or sd <= 0.0:
-        return f"{rounded(value)} {unit}".rstrip()
-    exponent = math.floor(math.log10(max(abs(value), sd)))
-    scaled = not -4 <= exponent < 6
-    factor = 10.0**exponent if scaled else 1.0
-    decimals = _decimals(sd / factor, 2 if f"{sd:.1e}"[0] == "1" else 1)
-    numbers = f"{value / factor:.{decimals}f} +- {sd / factor:.{decimals}f}"
-    return f"({numbers})e{exponent} {unit}".rstrip() if scaled else f"{numbers} {unit}".rstrip()
-
-
-def in_percent(share: float) -> str:
-    """A share to two digits: 43 %, 0.52 %."""
-    return f"{rounded(100.0 * share, 2)} %"
-
-
-def _decimals(value: float, digits: int) -> int:
-    """Behind the point, for some significant digits of a number that is rounded to them."""
-    return max(0, digits - 1 - int(f"{value:.{digits - 1}e}".split("e")[1]))
 
 
 def unit_of(discrepancy: Discrepancy, joint: int, variable: str = "load") -> str:

@@ -22,7 +22,7 @@ def test_the_experiment_is_the_papers_and_every_node_is_written(place, capfd):
     segments = int(re.search(r"segments: (\d+) ", said)[1])
     assert 35 <= segments <= 45
     assert f"signs: {segments} of {segments} right" in said
-    assert int(re.search(r"known to 25%: (\d+)", said)[1]) >= 26
+    assert int(re.search(r"known to 25 %: (\d+)", said)[1]) >= 26
     assert len(re.findall(r"^ *\d+ +.* -?\d\.\d{4} +-?\d\.\d{4} +-?\d\.\d{4}", said, re.M)) == 27
     assert re.search(r"^Verdict: good", said, re.M)
     with (place / "letter" / "nodes.csv").open() as file:

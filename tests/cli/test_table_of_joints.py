@@ -18,7 +18,8 @@ EDGE = 0.06
 
 def rows_of(text, n_joints):
     """The last table of a text, a list of words a joint."""
-    return [line.split() for line in text.splitlines() if re.match(r"\s*\d+\s+\d+\s", line)][-n_joints:]
+    lines = [line for line in text.replace(" %", "%").splitlines() if re.match(r"\s*\d+\s+\d+\s", line)]
+    return [line.split() for line in lines[-n_joints:]]
 
 
 @pytest.fixture

@@ -127,7 +127,7 @@ def test_nothing_wrong_is_nothing_said(log):
 
 
 FAULTS = (
-    ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
+    ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26 %")),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "requested": blind()}, ("joint 2: no effort", "Fv2, Fc2")),
     (
@@ -136,10 +136,10 @@ FAULTS = (
     ),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"fit": fit_with(sd=(0.3, 0.5, 0.1, 0.2, 0.2))}, ("5 coefficients", "4 independent samples")),
-    ({"sign_solution": unproven()}, ("not proven", "25.0% smaller", "--search-budget")),
+    ({"sign_solution": unproven()}, ("not proven", "25.0 % smaller", "--search-budget")),
     ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="tikhonov")}, ("not proven",)),
     ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="noise")}, ("noise",)),
-    ({"posterior": posterior_with(posterior_conflict=0.83)}, ("83%",)),
+    ({"posterior": posterior_with(posterior_conflict=0.83)}, ("83 %",)),
     ({"sign_solution": SimpleNamespace(signs=signs_with(unresolved=3))}, ("3 segments", "4 searches")),
     ({"sign_solution": SimpleNamespace(signs=signs_with(False, timed_out=True))}, ("search", "--time-limit")),
     ({"sign_solution": SimpleNamespace(signs=signs_with(False, None, timed_out=True))}, ("search", "--time-limit")),
@@ -151,12 +151,12 @@ FAULTS = (
     ({"posterior": posterior_with(converged=False)}, ("1.05,", "1.01 ", "needs 1,024", "has 73", "--posterior-budget")),
     (
         {"posterior": posterior_with(active_bounds=(("mass of all links, from above", 0.87),))},
-        ("mass of all", "87%", "--links"),
+        ("mass of all", "87 %", "--links"),
     ),
-    ({"posterior": posterior_with(edges=(("m3 <= m2", 0.063),))}, ("constraint: m3 <= m2", "6.3%")),
+    ({"posterior": posterior_with(edges=(("m3 <= m2", 0.063),))}, ("constraint: m3 <= m2", "6.3 %")),
     (
         {"reading": Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 4.0, "give `correct` q2=q3")},
-        ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
+        ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1 %", "21.3 %"),
     ),
     (
         {

@@ -119,7 +119,7 @@ def test_what_holds_draws_back_is_named_on_the_page_in_the_summary_and_the_warni
     assert active_bounds == list(constrained.posterior.active_constraints)
     (said,) = [warning for warning in constrained.warnings if "active constraint" in warning]
     for one in summary.constraints:
-        assert (f"{one.label} ({one.at_edge:.1%} of the draws on its boundary)" in said) == one.presses
+        assert (f"{one.label} ({100.0 * one.at_edge:.1f} % of the draws on its boundary)" in said) == one.presses
     assert all("--links" not in warning for warning in constrained.warnings)
     page = identification_page(report_data(constrained))
     table = page.split('id="constraints"')[1].split("</section>")[0]

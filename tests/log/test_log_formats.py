@@ -92,7 +92,7 @@ def test_matlab(tmp_path, recorded, write, form):
         ({"q2": np.arange(ROWS)}, "variables q and q2 may be the same"),
         ({"time": np.arange(ROWS)}, "variables t and time may be the same"),
         ({"q": np.full((ROWS, 3), "a")}, "variable q is not an array of numbers"),
-        ({"q": np.full((ROWS, 3), np.nan)}, "row 1: column q1 holds no number in 100% of the rows"),
+        ({"q": np.full((ROWS, 3), np.nan)}, "row 1: column q1 holds no number in 100 % of the rows"),
     ],
 )
 def test_matlab_that_cannot_be_used(tmp_path, recorded, change, said):
@@ -253,7 +253,7 @@ def test_kuka_that_cannot_be_used(tmp_path, recorded):
         ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time"),
         (
             {"MACur.A2": None, "MACur.A2[%]": np.where(np.arange(ROWS) % 4, np.nan, 1.0)},
-            "row 3: column MACur.A2[%] holds no number in 75% of the rows",
+            "row 3: column MACur.A2[%] holds no number in 75 % of the rows",
         ),
     ):
         columns = without(kuka(recorded), *change)

@@ -15,10 +15,10 @@ from bayesid.effects.drive import Delay, GainError, TorqueOffset
 from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.number_text import quantity, rounded
 from bayesid.regression.selection.added_effect import Cost, EffortSize
 from bayesid.report.brief import in_brief
 from bayesid.report.discrepancy import discrepancy_checks
-from bayesid.report.words import quantity, rounded
 
 BODY = {
     "mass": (2.8, 0.04, "kg"),

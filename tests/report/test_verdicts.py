@@ -124,13 +124,13 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
     "Proof": [
         ("good", GOOD, ""),
         ("good", SIGNED, ""),
-        ("good", search(assignments=4, persistent_share=0.97), "3 alternatives|3.0%"),
-        ("look", search(assignments=4, persistent_share=0.9), "3 alternatives|10.0%"),
+        ("good", search(assignments=4, persistent_share=0.97), "3 alternatives|3.0 %"),
+        ("look", search(assignments=4, persistent_share=0.9), "3 alternatives|10.0 %"),
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, uncertified_because="tikhonov"), "not proven"),
         ("bad", posterior(posterior_conflict=0.83), "83"),
         ("look", posterior(posterior_conflict=0.14), "14"),
-        ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|1.5%"),
+        ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|1.5 %"),
     ],
     "Sampling": [
         ("good", GOOD, "1.004|812"),
@@ -143,7 +143,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ),
     ],
     "Modes": [
-        ("good", GOOD, "1%"),
+        ("good", GOOD, "1 %"),
         ("look", with_modes(0.9, 0.1), "0.1|mode 2|joint 2|9.5"),
         ("bad", with_modes(0.54, 0.46), "mode 1|0.54|mode 2|0.46"),
         ("bad", with_modes(0.97, 0.03, mode=2), "mode 2|0.03|mode 1|0.97"),
@@ -152,7 +152,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", GOOD, "2.3|2.6|joint 2"),
         ("good", fit(links_on_edge=[2, 3]), "2.3|2.6"),
         ("look", fit(relative_residual=[0.11, 0.04]), "4.0|11.0|joint 1"),
-        ("bad", fit(relative_residual=[0.04, 0.26]), "26%|joint 2"),
+        ("bad", fit(relative_residual=[0.04, 0.26]), "26 %|joint 2"),
     ],
     "Additional effects": [("good", GOOD, "")],
     "Gains": [
@@ -169,7 +169,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", asked(GOOD, FAR_OFF), "3.1|a, b, c, d, e, f and g"),
     ],
     "Whiteness of the residual": [
-        ("good", lasting(0.8, 12.0), "80%|joint 2|24 effective|8 coefficients"),  # intervals allow for it
+        ("good", lasting(0.8, 12.0), "80 %|joint 2|24 effective|8 coefficients"),  # intervals allow for it
         ("look", lasting(0.8, 11.0), "22 effective"),
         ("bad", lasting(0.8, 3.0), "6 effective"),
     ],

@@ -13,6 +13,7 @@ from bayesid.log.formats.parts import join_parts
 from bayesid.log.formats.stated import EFFORTS
 from bayesid.log.formats.table import Options, Table
 from bayesid.log.tuning import TUNING
+from bayesid.number_text import percent
 
 
 def without_gaps(table: Table, options: Options) -> Table:
@@ -83,7 +84,7 @@ def _part(table: Table, missing: dict[str, Mask]) -> Table | None:
 def _lacking(table: Table, missing: dict[str, Mask], share: float) -> InputError:
     worst = max(missing, key=lambda name: int(missing[name].sum()))
     column, gone = table.columns[worst], missing[worst]
-    said = f"column {column.label} holds no number in {gone.mean():.0%} of the rows"
+    said = f"column {column.label} holds no number in {percent(gone.mean(), 0)} of the rows"
     if gone.mean() < 0.5:
-        said = f"only {share:.0%} of the rows are complete"
+        said = f"only {percent(share, 0)} of the rows are complete"
     return InputError(said, table.place(int(np.argmax(gone))), "fill in the values")

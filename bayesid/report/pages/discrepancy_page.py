@@ -11,6 +11,7 @@ from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, ChangeReport
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
+from bayesid.number_text import quantity
 from bayesid.parallel import one_at_a_time
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.fitted_effects import LN10
@@ -50,7 +51,7 @@ from bayesid.report.plot.discrepancy import (
     timeline_figure,
 )
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import best_first, form_label, joints_in_words, label, quantity, score_label, unit_of
+from bayesid.report.words import best_first, form_label, joints_in_words, label, score_label, unit_of
 
 _SAID = {ON_LOG: "on the log", HELD_BACK: "on the held-out data", GROWN: "gap grew"}
 """Which data say that a joint is unexplained, in a cell."""
@@ -172,10 +173,10 @@ def _sizes(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str,
         yield (
             *(_name(effect.hypothesis), _joints(effect.joints)),
             *(html.number(size.largest, own), html.number(size.rms, own)),
-            Markup("{} of joint {}'s {}").format(html.percent(size.share), size.joint, size.of),
+            Markup("{} of joint {}'s {}").format(html.share(size.share), size.joint, size.of),
             html.number(cost.before, left),
-            Markup("{} in joint {}").format(html.percent(cost.share_before), cost.joint),
-            *(html.number(cost.after, left), html.percent(cost.share_after)),
+            Markup("{} in joint {}").format(html.share(cost.share_before), cost.joint),
+            *(html.number(cost.after, left), html.share(cost.share_after)),
         )
 
 

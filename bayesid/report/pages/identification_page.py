@@ -11,6 +11,7 @@ from markupsafe import Markup
 from bayesid.identification.checks import State, convergence
 from bayesid.identification.identification import SURE, Identification
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
+from bayesid.number_text import percent, quantity
 from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
@@ -39,7 +40,7 @@ from bayesid.report.tables import (
 )
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, sure_share
-from bayesid.report.words import joints_in_words, listed, quantity, upper
+from bayesid.report.words import joints_in_words, listed, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -93,13 +94,14 @@ def _lead(findings: ReportData) -> str:
     known = int((findings.coefficients.relative_sd < TUNING.well_known).sum())
     signs = (
         f"The signs were hidden in {'all' if hidden == n else f'{hidden} of {n}'} joints. The sign is now at least "
-        f"{SURE:.0%} certain for {sure_share(findings):.1%} of the |effort|. "
+        f"{percent(SURE, 0)} certain for {percent(sure_share(findings), 1)} of the |effort|. "
         if hidden
         else "All signs were known. "
     )
     return (
         f"{signs}{summary.n_coefficients} dynamic coefficients were identified, {known} of them to "
-        f"{TUNING.well_known:.0%} (sd). The relative residual per joint is {share.min():.1%} to {share.max():.1%}."
+        f"{percent(TUNING.well_known, 0)} (sd). The relative residual per joint is {percent(share.min(), 1)} to "
+        f"{percent(share.max(), 1)}."
     )
 
 
@@ -147,7 +149,7 @@ def _doubts(findings: ReportData) -> list[Markup]:
             _link(segments, k, f"{segments.start[k]:.2f} to {segments.end[k]:.2f} s"),
             "+" if segments.sign[k] > 0 else Markup("&minus;"),
             html.data(segments.confidence[k], f"{segments.confidence[k]:.2f}"),
-            html.percent(size[k]),
+            html.share(size[k]),
         )
         for k in largest
     ]
@@ -235,7 +237,7 @@ def _nominal(value: float, mean: float) -> Markup:
 
 
 def _percent(share: float) -> str:
-    return f"{share:.1%}" if share < 0.1 else f"{share:.0%}" if share < 10.0 else "> 1000 %"
+    return percent(share, 1) if share < 0.1 else percent(share, 0) if share < 10.0 else "> 1000 %"
 
 
 def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
@@ -330,7 +332,7 @@ def _validation(findings: ReportData) -> list[Markup]:
     caption = f"{prediction.source}: errors against measured efforts. The band of 95 % accounts for {prediction.band}."
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
     rows = [
-        (str(joint), html.number(error, findings.effort_unit[joint - 1]), html.percent(share), html.percent(covered))
+        (str(joint), html.number(error, findings.effort_unit[joint - 1]), html.share(share), html.share(covered))
         for joint, (error, share, covered) in enumerate(values, start=1)
     ]
     shows = "on another log: measured, predicted, and the band of 95 %."

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
 from bayesid.identification.checks import Check
+from bayesid.number_text import percent, rounded
 from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks, corners
 from bayesid.report.report_data import evenly
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import rounded
 
 _ROOM = "bayesid.report.pages"
 NONE = Markup('<span class="none">&ndash;</span>')
@@ -248,8 +248,6 @@ def probability(value: float) -> Markup:
     return data(value, f"{value:.3f}")
 
 
-def percent(share: float) -> Markup:
-    """To a tenth of a percent."""
-    if np.isnan(share):
-        return NONE
-    return data(share, f"{share:.1%}")
+def share(value: float) -> Markup:
+    """In percent, to a tenth."""
+    return NONE if np.isnan(value) else data(value, percent(value, 1))

@@ -11,13 +11,14 @@ from bayesid.discrepancy.case import variables
 from bayesid.discrepancy.comparison import ChangeReport
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.prediction import NORMAL_95
+from bayesid.number_text import rounded
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.report.comparison import moved_parameters
 from bayesid.report.plot import figure as fig
 from bayesid.report.report_data import binned, evenly
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import best_first, rounded, score_label, unit_of
+from bayesid.report.words import best_first, score_label, unit_of
 
 _EARLIER, _EXTENDED = "earlier model", "extended model"
 _BEFORE, _AFTER = fig.ORANGE, fig.BLUE

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
+from bayesid.number_text import percent
 from bayesid.report.plot.drawing import SIZE, dress, given_axes, legend, new_figure
 from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
 from bayesid.report.report_data import evenly
@@ -214,7 +215,7 @@ def _say_use(ax: Axes, low: float, high: float, lower: float, upper: float, *, l
         beyond, text = room < 0.0, f"{-room:.2g} beyond a limit" if room < 0.0 else f"{room:.2g} to a limit"
     else:
         share = max(-low, high) / upper
-        beyond, text = share > 1.0, f"{100.0 * share:.0f} % of the limit"
+        beyond, text = share > 1.0, f"{percent(share, 0)} of the limit"
     _say(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
 
 
