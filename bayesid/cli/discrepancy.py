@@ -107,8 +107,8 @@ def _compare_logs(options: argparse.Namespace) -> None:
     robot = robot_of(options, of_log=True)
     with stages(options) as progress:
         with progress.stage("read"):
-            logs = [read(path, reading, robot) for path in paths]
-            holdout = None if options.holdout is None else read(options.holdout, reading, robot)
+            logs = [read(options, path, reading, robot) for path in paths]
+            holdout = None if options.holdout is None else read(options, options.holdout, reading, robot)
         result = compare_logs(
             robot,
             logs,

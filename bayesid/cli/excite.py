@@ -116,7 +116,7 @@ def _refuse(options: argparse.Namespace, refused: Sequence[str], reason: str, re
 
 def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> ExcitationAssessment:
     with progress.stage("read"):
-        log = read(options.log, reading_options(options), robot)
+        log = read(options, options.log, reading_options(options), robot)
     with progress.stage("assess"):
         settings = {"noise": options.noise, "cutoff": options.cutoff, "rng": options.seed}
         return assess_excitation(robot, log, term_names(options), **settings)

@@ -38,7 +38,7 @@ def floor_command(options: argparse.Namespace) -> None:
     robot, reading = robot_of(options, of_log=True), reading_options(options)
     with stages(options) as progress:
         with progress.stage("read"):
-            log, other = (read(path, reading, robot) for path in find_logs([options.log, options.again]))
+            log, other = (read(options, path, reading, robot) for path in find_logs([options.log, options.again]))
         with progress.stage("compare"):
             result = repeatability(robot, log, other)
         if options.out is not None:

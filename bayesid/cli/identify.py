@@ -93,7 +93,7 @@ def identify_command(options: argparse.Namespace) -> None:
     replaced = folder.is_dir() and any(folder.iterdir())
     with stages(options) as progress:
         with progress.stage("read"):
-            read_logs = [_read(one, reading, robot) for one in logs]
+            read_logs = [_read(options, one, reading, robot) for one in logs]
             log, notes = join_logs(read_logs), {note for one in read_logs for note in one.notes}
         result = identify(robot, log, **settings, progress=progress)
         run_by = replace(result.provenance, command=command_line(), config=config_of(options))
@@ -117,8 +117,8 @@ def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: 
     return Path(f"{kind}-{(options.logs[0] if _is_list(options.logs[0]) else logs[0].path).stem}")
 
 
-def _read(one: Recording, reading: Mapping[str, Any], robot: Robot) -> Log:
-    log = read(one.path, reading, robot)
+def _read(options: argparse.Namespace, one: Recording, reading: Mapping[str, Any], robot: Robot) -> Log:
+    log = read(options, one.path, reading, robot)
     return log.carrying(one.payload) if one.payload else log
 
 

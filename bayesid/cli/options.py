@@ -26,6 +26,7 @@ from bayesid.files.config import CONFIG, OF_MODEL, OF_READING, plain_config
 from bayesid.files.writing import check_folder, check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
+from bayesid.log.formats.table import ReadingNote
 from bayesid.log.gains import Gains
 from bayesid.log.kept_reading import in_words, read_alike
 from bayesid.log.log import Log, RecordedMotion
@@ -188,18 +189,21 @@ def motion_options(options: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextmanager
-def warned() -> Iterator[None]:
-    """Prints each warning in one line."""
+def warned(options: argparse.Namespace) -> Iterator[None]:
+    """Prints each warning in one line; a note on the reading is a plain line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
     for warning in caught:
-        warn(str(warning.message))
+        if not issubclass(warning.category, ReadingNote):
+            warn(str(warning.message))
+        elif not options.quiet:
+            note(str(warning.message))
 
 
-def read(path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
+def read(options: argparse.Namespace, path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
     """A log of a robot, read with `reading_options`."""
-    with warned():
+    with warned(options):
         return read_log(path, **reading, robot=robot)
 
 
@@ -207,7 +211,7 @@ def read_for(options: argparse.Namespace, identified: IdentifiedModel, path: Pat
     """A log of a result's robot, read like the result's log except for the given `reading_options`."""
     given = reading_options(options, identified)
     kept = kept_reading(options, identified.reading, given)
-    with warned():
+    with warned(options):
         return read_alike(read_log, path, kept, given, robot=identified.model.robot)
 
 
@@ -215,7 +219,7 @@ def read_motion_for(options: argparse.Namespace, identified: IdentifiedModel, pa
     """A motion of a result's robot, read like `read_for`."""
     given = motion_options(options)
     kept = kept_reading(options, identified.motion_reading, given)
-    with warned():
+    with warned(options):
         return read_alike(read_motion, path, kept, given, robot=identified.model.robot)
 
 

@@ -193,7 +193,7 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     gains, unsigned, degrees, correct = (said.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
     robot = identified.model.robot
     columns = Options(**said, currents=gains is not None, robot_joints=joint_names(robot))
-    with warned():
+    with warned(options):
         stream = _Announced(sys.stdin.buffer, robot.n_joints)
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)
     for message in reader.notes:

@@ -20,6 +20,7 @@ from log_files import (
 from bayesid.errors import InputError
 from bayesid.excitation.assessment import assess_excitation
 from bayesid.log.formats.stated import parse_columns
+from bayesid.log.formats.table import DEGREE, ReadingNote
 from bayesid.log.reading import read_log
 from bayesid.robot import load_robot
 
@@ -77,6 +78,44 @@ def test_a_column_that_a_user_prefers_counts_in_place_of_the_joints_own(tmp_path
         old = USUAL[kind].replace("{}", "0")
         path = save(tmp_path / "log.csv", {"first" if name == old else name: v for name, v in usual.items()})
         assert said in refusal(path, columns={f"{kind}1": "first"})
+
+
+HEADINGS = [
+    {"t": "Zeit [s]", "q": "Winkel Achse {} [Grad]", "tau": "Drehmoment Achse {} [Nm]"},
+    {"t": "time [s]", "q": "Angle of joint {} (deg)", "dq": "Joint {} Speed (deg/s)", "tau": "Torque_Joint{} [N m]"},
+]
+
+
+@pytest.mark.parametrize("names", HEADINGS)
+def test_headings_with_quantity_joint_and_unit_are_used_and_said_once(tmp_path, names):
+    names = {kind: names[kind] for kind in ("t", "q", "dq", "tau") if kind in names}
+    degrees = {kind: RECORDED[kind] / (DEGREE if kind in ("q", "dq") else 1.0) for kind in names}
+    columns = flat(degrees, **names) | {f"Soll-Drehmoment Achse {j} [Nm]": np.zeros(ROWS) for j in (1, 2, 3)}
+    path = save(tmp_path / "log.csv", text(columns, ";", ","))
+    with pytest.warns(ReadingNote) as said:
+        log = read_log(path)
+    assert_same(log, {kind: RECORDED[kind] for kind in names}, atol=1e-9)
+    meanings = ", ".join(f"{kind} is {names[kind]}" for kind in ("t", "q", "tau", "dq") if kind in names)
+    assert [str(one.message) for one in said] == [f"columns by their headings: {meanings}"]
+
+
+@pytest.mark.parametrize(
+    ("name", "effort"),
+    [
+        ("a second quantity", "Motorstrom Achse {} [A]"),
+        ("no unit", "Drehmoment Achse {}"),
+        ("another unit", "Drehmoment Achse {} [%]"),
+        ("no quantity", "Achse {} [Nm]"),
+        ("of the motor", "Drehmoment Motor Achse {} [Nm]"),
+        ("commanded", "Soll-Drehmoment Achse {} [Nm]"),
+    ],
+)
+def test_headings_in_doubt_are_refused(tmp_path, name, effort):
+    columns = flat(NO_DQ, t="Zeit [s]", q="Winkel Achse {} [rad]", tau=effort)
+    if name == "a second quantity":
+        columns |= flat({"tau": RECORDED["tau"]}, tau="Strom Achse {} [A]")
+    said = refusal(save(tmp_path / "log.csv", columns), gains=[1.0] * 3)
+    assert ("could both be i" if name == "a second quantity" else "column tau1 (or i1 with gains) is missing") in said
 
 
 def test_columns_that_cannot_be_used(tmp_path):

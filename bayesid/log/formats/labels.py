@@ -68,7 +68,13 @@ _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
 OTHER = 3  # lowest rank of names other than those of a CSV log
 _USUAL, _QUALIFIED_RANK, _RANKS = 4, 5, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
-"""Ranks of other words: RSI's come before the usual ones; plain axes and commanded positions come last."""
+"""Ranks of other words: RSI's come before the usual ones; plain axes and commanded positions come after them."""
+BY_HEADING = 7
+"""Rank of a heading that states quantity, joint and unit, as "Drehmoment Achse 1 [Nm]"; it comes last."""
+_JOINT_WORDS = re.compile(
+    r"\b(?:(?:of|at|in|der|an|von)\s+)?(?:(?:axis|joint|achse|gelenk)(?:\s+|(?=[0-9])))", re.IGNORECASE
+)
+"""A word for a joint, perhaps after a preposition, and before other words or the joint's number."""
 _AXIS = re.compile("A[1-9]", re.IGNORECASE)  # a position of RSI
 _AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)|(?i:((?<=pos)|(?<=vel)|(?<=torque)|(?<=macur))A(?=[0-9]+$))")
 """A letter before a joint's number without meaning, as in `Torque_A1`, `pos.j1` or `AIPosA1`."""
@@ -102,6 +108,12 @@ def _kind_of_word(word: str) -> str | None:
         return _KIND_OF[word]
     found = _QUALIFIED.fullmatch(word)
     return None if found is None else _KIND_OF.get(found["of"])
+
+
+def _quantity(name: str) -> str:
+    """A heading without its word for a joint: "Drehmoment 1" of "Drehmoment Achse 1"; unchanged if there is not one."""
+    shorter, count = _JOINT_WORDS.subn("", re.sub(r"[\s_]+", " ", name))
+    return shorter if count == 1 else name
 
 
 def is_unit(text: str) -> bool:
@@ -204,7 +216,18 @@ def _reading(place: int, label: str) -> Reading | None:
     if unit is None:
         names += [(label[: match.start()], label[match.end() :]) for match in re.finditer("_", label)]
     readings = (_with_unit(place, label, *one, any_current=unit is not None) for one in names)
-    return next((reading for reading in readings if reading is not None), None)
+    found = next((reading for reading in readings if reading is not None), None)
+    return _by_heading(place, label) if found is None else found
+
+
+def _by_heading(place: int, label: str) -> Reading | None:
+    """Meaning of a label with a quantity, a word for a joint, its number and a unit of the quantity, else None."""
+    name, unit = split_brackets(label)
+    shorter = _quantity(name)
+    if unit is None or shorter == name:
+        return None
+    found = _with_unit(place, shorter, shorter, unit)
+    return None if found is None or found.kind == "t" else found._replace(label=label, prefix="", rank=BY_HEADING)
 
 
 def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:

@@ -7,6 +7,7 @@ joints from 0 or from 1. If bayesid's own names make a whole log, no others are 
 from __future__ import annotations
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
@@ -14,6 +15,7 @@ from dataclasses import replace
 from bayesid.errors import InputError
 from bayesid.log.formats.joint_names import ByName, columns_by_name, order_note
 from bayesid.log.formats.labels import (
+    BY_HEADING,
     OTHER,
     UNITS,
     WORDS,
@@ -39,7 +41,7 @@ from bayesid.log.formats.stated import (
     stated_columns,
     suggestion,
 )
-from bayesid.log.formats.table import DIRECTION, FRACTION, Chosen, Options, SourceColumn
+from bayesid.log.formats.table import DIRECTION, FRACTION, Chosen, Options, ReadingNote, SourceColumn
 
 _EFFORT = "column tau1 (or i1 with gains)"
 _QUANTITY = re.compile(
@@ -97,6 +99,8 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     chosen += _directions(header, chosen)
     words = {one.word for family in families for one in family.values() if one.rank >= OTHER}
     note = _note(header, chosen, convention) if words or convention is not None else ""
+    if not note and any(one.rank == BY_HEADING for family in families for one in family.values()):
+        warnings.warn(f"columns by their headings: {_meanings(chosen)}", ReadingNote, stacklevel=2)
     if "aspos" in words:  # of RSI
         note += f"{'; ' if note else ''}positions are commanded ones (ASPos), which the axes follow with a lag"
     notes = (*((f"{where}: {note}",) if note and not named.columns else ()), *notes)
@@ -177,12 +181,16 @@ def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Con
     left = [pattern for pattern, count in Counter(map(pattern_of, others)).items() if count >= 2]
     if convention is None and not left:
         return ""
-    used = dict.fromkeys((kind_part(one.name), pattern_of(one.label)) for one in chosen if one.name != "part")
-    said = ", ".join(f"{kind} is {label}" for kind, label in used)
     beside = f", not {', '.join(left[:6])}{' and others' if len(left) > 6 else ''}" if left else ""
     by = "" if convention is None else f"as in {convention.name}, "
     says = f"; {convention.says}" if convention is not None and convention.says else ""
-    return f"{by}{said}{beside}{says}"
+    return f"{by}{_meanings(chosen)}{beside}{says}"
+
+
+def _meanings(chosen: Sequence[SourceColumn]) -> str:
+    """As in "t is Zeit [ms], q is Achse{}"."""
+    used = dict.fromkeys((kind_part(one.name), pattern_of(one.label)) for one in chosen if one.name != "part")
+    return ", ".join(f"{kind} is {label}" for kind, label in used)
 
 
 def _families(

@@ -68,6 +68,10 @@ class SourceColumn:
     clock: bool = False  # whether it is a time of day or a date
 
 
+class ReadingNote(UserWarning):
+    """How a log was read, where nothing is in doubt."""
+
+
 class Chosen(NamedTuple):
     """The columns of a file that make a log, and notes about the choice, one sentence each."""
 
