@@ -47,7 +47,7 @@ from bayesid.posterior.target import Target, TruncatedGaussian
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import SILENT
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.regression.stated import Says, constraints_of
+from bayesid.regression.stated import ConstraintFunction, constraints_of
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -85,7 +85,7 @@ class Alternative:
 
 
 def weigh(
-    result: Identification, alternatives: Mapping[str, Says], sampling: Sampling | None = None
+    result: Identification, alternatives: Mapping[str, ConstraintFunction], sampling: Sampling | None = None
 ) -> list[Alternative]:
     """What a log says of alternatives, in their order.
 
@@ -131,7 +131,7 @@ def weigh(
     return [Alternative(*values) for values in columns]
 
 
-def _posterior_of(result: Identification, alternatives: Mapping[str, Says]) -> Posterior:
+def _posterior_of(result: Identification, alternatives: Mapping[str, ConstraintFunction]) -> Posterior:
     if len(alternatives) < 2:
         raise InputError("there are fewer than two", "alternatives", "give two or more, by their names")
     posterior = result.posterior
@@ -143,7 +143,7 @@ def _posterior_of(result: Identification, alternatives: Mapping[str, Says]) -> P
     return posterior
 
 
-def _cone_of(result: Identification, name: str, says: Says) -> Cone:
+def _cone_of(result: Identification, name: str, says: ConstraintFunction) -> Cone:
     """The cone of the model with what is stated for all, and for one alternative."""
     own, cone = constraints_of(says, result.model), result.model.cone
     if own is None:
@@ -234,7 +234,7 @@ def simulated() -> tuple[Model, Array, Log]:
     return model, theta, simulate(model, theta, motion, rng=rng, noise=0.05)
 
 
-def either(name: str, bound: float) -> dict[str, Says]:
+def either(name: str, bound: float) -> dict[str, ConstraintFunction]:
     """A parameter is large, or it is small."""
     return {f"{name} >= {bound:.2f}": lambda p: p[name] >= bound, f"{name} <= {bound:.2f}": lambda p: p[name] <= bound}
 

@@ -23,7 +23,7 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.reading import read_log
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.stated import Says, StatedParameters
+from bayesid.regression.stated import ConstraintFunction, StatedParameters
 from bayesid.robot import load_robot
 from bayesid.simulation.logs import simulate_log
 from bayesid.studies import real
@@ -107,7 +107,7 @@ def _identified(log: str, seed: int) -> Identification:
     return _identify(log, seed, None)
 
 
-def _identify(log: str, seed: int, says: Says | None) -> Identification:
+def _identify(log: str, seed: int, says: ConstraintFunction | None) -> Identification:
     budget = _BUDGETS["free" if says is None else "constrained"]
     sampling = Sampling(budget=budget, min_ess=1e9, time_limit=3600.0, rng=seed)  # all of the budget
     if log == REAL:

@@ -49,7 +49,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.regression.stated import Says
+from bayesid.regression.stated import ConstraintFunction
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -148,7 +148,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
     terms: Iterable[str | Term] = STANDARD,
     holdout: LogSource | None = None,
     *,
-    constraints: Says | str | Path | None = None,
+    constraints: ConstraintFunction | str | Path | None = None,
     search: Search = Certified(),
     posterior: Sampling | bool = True,
     preprocessing: Preprocessing = Preprocessing(),

@@ -19,7 +19,7 @@ from bayesid.log.reading import LogSource
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.selection.fitted_effects import Thresholds
-from bayesid.regression.stated import Says
+from bayesid.regression.stated import ConstraintFunction
 from bayesid.robot import Robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -46,7 +46,7 @@ def find_discrepancy(
     holdout: LogSource | None = None,
     *,
     terms: Iterable[str | Term] | None = None,
-    constraints: Says | str | Path | None = None,
+    constraints: ConstraintFunction | str | Path | None = None,
     search: Search | None = None,
     posterior: Sampling | bool = True,
     preprocessing: Preprocessing = Preprocessing(),
@@ -60,7 +60,7 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
     holdout: LogSource | None = None,
     *,
     terms: Iterable[str | Term] | None = None,
-    constraints: Says | str | Path | None = None,
+    constraints: ConstraintFunction | str | Path | None = None,
     search: Search | None = None,
     posterior: Sampling | bool = True,
     preprocessing: Preprocessing = Preprocessing(),

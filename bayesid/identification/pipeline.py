@@ -51,7 +51,7 @@ from bayesid.regression.constraint_file import read_constraints
 from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior, kinematic_tolerance, nominal_parameters
 from bayesid.regression.log_data import LogData
 from bayesid.regression.prices import constraint_prices
-from bayesid.regression.stated import Says, constraints_of
+from bayesid.regression.stated import ConstraintFunction, constraints_of
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import find_unfiltered_signs
 from bayesid.signs.averaging import AveragedSigns, average_over_models, model_error_probabilities, tempered_by_outliers
@@ -77,7 +77,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     posterior: Sampling | bool = True,
     preprocessing: Preprocessing = Preprocessing(),
     prior: ParameterPrior = ParameterPrior(),
-    constraints: Says | str | Path | None = None,
+    constraints: ConstraintFunction | str | Path | None = None,
     anyway: bool = False,
     progress: Progress | Show = SILENT,
 ) -> Identification:
@@ -347,7 +347,11 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot, log: LogSource, terms: Sequence[str | Term], constraints: Says | str | Path | None
+    run: _Run,
+    robot: Robot,
+    log: LogSource,
+    terms: Sequence[str | Term],
+    constraints: ConstraintFunction | str | Path | None,
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments, checked."""
     with run.progress.stage("prepare"):
@@ -390,7 +394,11 @@ def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
 
 
 def _call(
-    run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...], constraints: Says | str | Path | None
+    run: _Run,
+    robot: Robot,
+    log: Log,
+    terms: tuple[str | Term, ...],
+    constraints: ConstraintFunction | str | Path | None,
 ) -> str:
     """Python code of the run; `robot` and `constraints` stand for objects made in Python."""
     return call_of(
@@ -410,7 +418,7 @@ def _call(
 class _Named:
     """Constraints, shown as in a call."""
 
-    def __init__(self, constraints: Says | str | Path | None) -> None:
+    def __init__(self, constraints: ConstraintFunction | str | Path | None) -> None:
         self._name = "constraints" if callable(constraints) else repr(constraints and str(constraints))
 
     def __repr__(self) -> str:

@@ -35,12 +35,12 @@ from bayesid.motion import Motion
 from bayesid.posterior.feasible_set import Centre, FeasibleSet, barrier_minimum
 from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, make_likelihood
 from bayesid.posterior.tuning import TUNING
-from bayesid.regression.inside import deepest_point
+from bayesid.regression.interior import deepest_point
 from bayesid.regression.knowledge import InformationMatrix, LinkPrior, NominalParameters
 from bayesid.regression.noise import Noise
 from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.regression.stated import no_room
+from bayesid.regression.stated import contradiction_of
 from bayesid.robot import Robot
 
 _SHOWS = 1e-9
@@ -157,7 +157,7 @@ def _within_stated(cone: Cone, windows: tuple[Bound, ...], near: Array, sd: Arra
             return windows, found.theta
         compatible = tuple(window for window in windows if window.name not in found.labels)
         if len(compatible) == len(windows):
-            raise no_room(found.labels)
+            raise contradiction_of(found.labels)
         windows = compatible
 
 

@@ -1,7 +1,7 @@
 """The cone and the stated constraints in Clarabel's form.
 
 Parameters theta are feasible if `rows_of(theta) + offsets_of` lies in K. The rows of K are, in this order: nonnegative
-parameters, stated half spaces, one pseudo-inertia a body, stated matrices.
+parameters, stated half spaces, one pseudo-inertia per body, stated matrices.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
 """A link of 3 kg that spreads 0.1 m along each axis: the Tikhonov term's centre."""
 TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
-"""Scales of a link's parameters (kg m^2, kg m, kg) without data, chosen by hand above those of the typical link."""
+"""Scales of a link's parameters (kg m^2, kg m, kg) in the Tikhonov term. Chosen; not measured."""
 
 _ROWS, _COLUMNS = np.tril_indices(4)
 _STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
@@ -52,7 +52,7 @@ def settings_of(tolerance: float, feasibility: float = 1e-8, finest: float = np.
     Args:
         tolerance: largest duality gap of a solution.
         feasibility: largest infeasibility of a solution.
-        finest: gap and infeasibility that are asked for; if rounding ends the solver before, the others are enough.
+        finest: requested gap and infeasibility; `tolerance` and `feasibility` suffice if rounding ends the solver.
     """
     settings = clarabel.DefaultSettings()
     settings.verbose = False

@@ -10,12 +10,12 @@ from typing import Any
 
 from bayesid.errors import InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of, whole_number
-from bayesid.regression.stated import Says, Stated, StatedParameters
+from bayesid.regression.stated import ConstraintFunction, Stated, StatedParameters
 
 _REMEDY = "see docs/how-to/what-you-know-of-the-robot.md"
 
 
-def read_constraints(path: str | Path) -> Says:
+def read_constraints(path: str | Path) -> ConstraintFunction:
     """Constraints from a TOML file, as a function of the parameters.
 
     Keys are `total_mass`, `[link.K]` with `mass`, `com_box`, `hull` and `ellipsoid`, and `[bounds]` with names of
@@ -33,18 +33,18 @@ def read_constraints(path: str | Path) -> Says:
         makers.append(_interval(lambda p: p.total_mass, "total_mass", table["total_mass"], where))
     for number, link in _table(table, "link", where).items():
         if (k := whole_number(number)) is None:
-            raise InputError(f"link.{number} is no link", where, "number links from 1, as in [link.2]")
+            raise InputError(f"link.{number} is not a link", where, "number links from 1, as in [link.2]")
         if not isinstance(link, dict):
-            raise InputError(f"link.{number} is no table", where, "write it as [link.2]")
+            raise InputError(f"link.{number} is not a table", where, "write it as [link.2]")
         _check_keys(link, tuple(_OF_LINKS), f"link.{number}.", where)
         folder = Path(path).parent
         makers += [_OF_LINKS[key](k, f"link.{number}.{key}", value, where, folder) for key, value in link.items()]
     for name, value in _table(table, "bounds", where).items():
         makers.append(_interval(itemgetter(name), f"bounds.{name}", value, where))
     if not makers:
-        raise InputError("states nothing", where, _REMEDY)
+        raise InputError("has no constraints", where, _REMEDY)
 
-    def says(p: StatedParameters) -> list[Stated]:
+    def stated_on(p: StatedParameters) -> list[Stated]:
         stated = []
         for make in makers:
             try:
@@ -53,13 +53,13 @@ def read_constraints(path: str | Path) -> Says:
                 raise InputError(error.what, " ".join(filter(None, (where, error.where))), error.remedy) from None
         return stated
 
-    return says
+    return stated_on
 
 
 def _table(table: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
     found = table.get(key, {})
     if not isinstance(found, dict):
-        raise InputError(f"{key} is no table", where, _REMEDY)
+        raise InputError(f"{key} is not a table", where, _REMEDY)
     return found
 
 
@@ -72,10 +72,10 @@ def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], before: str, w
 
 def _numbers(value: Any, count: int, label: str, where: str, example: str) -> list[float]:
     plain = isinstance(value, list) and len(value) == count
-    if not plain or any(isinstance(one, bool) or not isinstance(one, int | float) for one in value):
+    if not plain or any(isinstance(number, bool) or not isinstance(number, int | float) for number in value):
         raise InputError(f"{label} is not a list of {count} numbers", where, f"write it as in {example}")
-    numbers = [float(one) for one in value]
-    if not all(math.isfinite(one) and abs(one) <= LARGEST for one in numbers):
+    numbers = [float(number) for number in value]
+    if not all(math.isfinite(number) and abs(number) <= LARGEST for number in numbers):
         raise InputError(f"{label} has a number that cannot be used", where, f"write it as in {example}")
     return numbers
 

@@ -209,10 +209,10 @@ def without_constants(rows: Array) -> Array:
     fixed = ~np.array([counts(row[:-1], rows).any() for row in rows])
     if not fixed[0] or fixed.all() or fixed.sum() == 1:
         return rows
-    rest = float(rows[0, -1] ** 2 - np.sum(rows[1:][fixed[1:], -1] ** 2))
-    if rows[0, -1] <= 0.0 or rest <= 0.0:
+    remainder = float(rows[0, -1] ** 2 - np.sum(rows[1:][fixed[1:], -1] ** 2))
+    if rows[0, -1] <= 0.0 or remainder <= 0.0:
         return rows
-    head: Array = np.sqrt(rest) * np.eye(rows.shape[1])[-1:]
+    head: Array = np.sqrt(remainder) * np.eye(rows.shape[1])[-1:]
     return np.concatenate([head, rows[~fixed]])
 
 

@@ -55,8 +55,8 @@ class GainPrior:
 
 def prior_of(gains: Gains) -> GainPrior:
     """Prior of gains about their stated values; unknown gains are wide and share a common factor."""
-    sd = np.where(gains.unknown, TUNING.lost_gain, gains.sd)
-    together = gains.unknown * TUNING.lost_gains_together
+    sd = np.where(gains.unknown, TUNING.unknown_gain, gains.sd)
+    together = gains.unknown * TUNING.unknown_gains_together
     return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
 
 
@@ -138,8 +138,8 @@ class GainFit:
         A joint's own parameters scale with its gain, the bodies' with the common factor. The remaining effect of the
         ratios is linearised.
         """
-        own, common = np.exp(log)[:, self.joint], np.exp(log @ self.weights)[:, None]
-        scale = np.where(self.body, common, own)
+        of_joint, common = np.exp(log)[:, self.joint], np.exp(log @ self.weights)[:, None]
+        scale = np.where(self.body, common, of_joint)
         slope = np.where(self.body[:, None], self.weights, np.eye(len(self.log))[self.joint]) * self.theta[:, None]
         moved: Array = scale * (theta + log @ (self.moves - slope).T)
         moved[:, self.share] = theta[:, self.share]

@@ -208,8 +208,8 @@ class KinematicTolerance:
         for name, unit in (("length", "m"), ("angle", "rad")):
             value = getattr(self, name)
             if not 0.0 <= value < np.inf:
-                said = f"{value:g} {unit} cannot be used"
-                raise InputError(said, field=f"ParameterPrior.{name}_sd", remedy="give 0 or more")
+                message = f"{value:g} {unit} cannot be used"
+                raise InputError(message, field=f"ParameterPrior.{name}_sd", remedy="give 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,11 +293,11 @@ def _pair(name: str, stated: object) -> tuple[float, float]:
     try:
         mean, sd = (float(value) for value in stated)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
-        said, remedy = (
+        message, remedy = (
             f"{name} = {stated!r} is not a mean with its sd",
             f"give two numbers, as in {{{name!r}: (0.7, 0.1)}}",
         )
-        raise InputError(said, field="ParameterPrior.nominal", remedy=remedy) from None
+        raise InputError(message, field="ParameterPrior.nominal", remedy=remedy) from None
     return mean, sd
 
 

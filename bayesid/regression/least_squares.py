@@ -17,7 +17,7 @@ from bayesid.errors import SolverError
 from bayesid.log.segments import Segments
 from bayesid.log.signals import signed_effort
 from bayesid.number_text import percent
-from bayesid.regression.inside import move_inside
+from bayesid.regression.interior import interior_point
 from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise, noise_before_fit, relative_rms
@@ -114,7 +114,7 @@ def fit_signed(log_data: LogData, signs: Array, *, most_corrected: int = TUNING.
     stretches = constant_stretches(log_data.used)
     normal_equations = log_data.normal_equations(signs, stretches, summed_out=False)
     solution, sigma = _solve(log_data, normal_equations)
-    theta, moved_inside = _move_inside(log_data, solution.theta)
+    theta, moved_inside = _interior(log_data, solution.theta)
     predicted = model.effort(signals.motion, theta)
     residual = log_data.residual_noise(predicted)
     if len(signs) > most_corrected:
@@ -216,11 +216,11 @@ def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Ar
     return residuals
 
 
-def _move_inside(log_data: LogData, theta: Array) -> tuple[Array, bool]:
+def _interior(log_data: LogData, theta: Array) -> tuple[Array, bool]:
     """Parameters farther inside the cone with the same coefficients, and True; else theta and False."""
     cone = log_data.model.cone
     try:
-        moved = move_inside(cone, log_data.coefficients, theta)
+        moved = interior_point(cone, log_data.coefficients, theta)
     except SolverError:
         return theta, False
     least, before = (cone.smallest_eigenvalues(point).min(initial=np.inf) for point in (moved, theta))

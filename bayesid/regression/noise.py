@@ -108,7 +108,7 @@ def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used:
             mean = np.exp(np.mean([np.log(getattr(replicate, name)) for replicate in replicates], axis=0))
             change = np.clip(getattr(observed, name) / mean, 1.0 / TUNING.most_change, TUNING.most_change)
             figures[name] = getattr(noise, name) * change
-        # a longer correlation cannot be told from the motion
+        # a longer correlation cannot be distinguished from the motion
         figures["correlation"] = np.minimum(figures["correlation"], TUNING.longest_lag)
         noise = replace(noise, **figures)
     return noise.with_time_of_model(rate)

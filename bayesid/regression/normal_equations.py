@@ -45,7 +45,7 @@ class NormalEquations:
         gradient: (S, r) g_k.
         energy: (S,) c_k.
         count: (S,) samples.
-        part: (S,) part of the Hessian of each segment; empty: one each.
+        part: (S,) part of the Hessian of each segment; empty: each segment has its own.
     """
 
     joint: Integers

@@ -1,4 +1,4 @@
-"""Prices of constraints: by how much each of them worsens the fit to a log."""
+"""Prices of constraints: by how much each worsens the fit to a log."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def constraint_prices(log_data: LogData, fit: Fit, signs: Array) -> tuple[Constr
     solved = problem(noise.sigma * np.sqrt(noise.autocorrelation))
     best, of_row = solved(cone.stated), label_of_row(cone)
     strength = [np.abs(best.multipliers[of_row == k]).max(initial=0.0) for k in range(len(cone.stated.labels))]
-    least = TUNING.pushes * np.abs(best.multipliers).max(initial=0.0)
+    least = TUNING.active_multiplier * np.abs(best.multipliers).max(initial=0.0)
     for k in cone.stated.of_equal.tolist():  # eliminated, so they have no multiplier
         strength[k] = np.inf
     prices = []

@@ -90,8 +90,8 @@ _ATTEMPTS = (
     _Attempt(1e3),
     _Attempt(1e4, constant=1e-8),
 )
-"""Attempts after a failed update, in this order: those without loss of accuracy first. Chosen by hand on problems that
-stalled (tests/regression/test_solver.py)."""
+"""Attempts after a failed update, in this order: those without loss of accuracy first. Chosen on problems that stalled
+(tests/regression/test_solver.py)."""
 
 
 @dataclass(frozen=True)

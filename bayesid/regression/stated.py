@@ -16,7 +16,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError, near_names
 from bayesid.regression.canonical import canonical, label_of
 from bayesid.regression.conic import typical_parameters, typical_sizes
-from bayesid.regression.inside import deepest_point
+from bayesid.regression.interior import deepest_point
 from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import NAMES, PSEUDO_INERTIA_BASIS, inertia_matrix
 from bayesid.robot.shapes import mesh_points
@@ -123,8 +123,8 @@ class StatedParameters:
             raise _bad(label, "the hull has no volume") from None
         facets = np.unique(equations.round(6), axis=0, return_index=True)[1]
         if len(facets) > TUNING.most_half_spaces:
-            said = f"the hull has {len(facets)} faces, the limit is {TUNING.most_half_spaces}"
-            raise _bad(label, said, "give a coarser mesh, or a box")
+            message = f"the hull has {len(facets)} faces, the limit is {TUNING.most_half_spaces}"
+            raise _bad(label, message, "give a coarser mesh, or a box")
         moment, mass = self.first_moment(link), self.mass(link)
         return (normal[:3] @ moment + normal[3] * mass <= 0 for normal in equations[facets])
 
@@ -167,11 +167,11 @@ def _bad(label: str, why: str, remedy: str = "give lengths in m, in the frame of
     return InputError(f"{label}: {why}", field="constraints", remedy=remedy)
 
 
-Says = Callable[[StatedParameters], Any]
-"""A function of the parameters that returns constraints of cvxpy, in lists or not."""
+ConstraintFunction = Callable[[StatedParameters], Any]
+"""A function of the parameters that returns a constraint of cvxpy, or nested lists of constraints."""
 
 
-def constraints_of(says: Says, model: Model) -> Constraints | None:
+def constraints_of(function: ConstraintFunction, model: Model) -> Constraints | None:
     """The constraints that a function states on a model's parameters; None without any.
 
     Raises:
@@ -180,7 +180,7 @@ def constraints_of(says: Says, model: Model) -> Constraints | None:
     names = [parameter.name for parameter in model.parameters]
     parameters = StatedParameters(names, model.robot.n_joints)
     try:
-        said = _flat(says(parameters))
+        items = _flat(function(parameters))
     except InputError:
         raise
     except Exception as error:
@@ -190,32 +190,32 @@ def constraints_of(says: Says, model: Model) -> Constraints | None:
         raise
     masses = " + ".join(f"m{k}" for k in range(1, model.robot.n_joints + 1))
     parts = []
-    for number, item in enumerate(said, start=1):
+    for number, item in enumerate(items, start=1):
         together = item if isinstance(item, Stated) else [item]
         label = item.label if isinstance(item, Stated) else label_of(item, number, masses)
         parts.append(canonical(together, label, parameters.variables, names))
     if not parts:
         return None
     stated = Constraints.joined(parts)
-    check_room(stated, model)
+    _check_consistent(stated, model)
     return stated
 
 
-def _flat(said: Any) -> list[Any]:
+def _flat(nested: Any) -> list[Any]:
     """A flat list of constraints; a `Stated` counts as one."""
-    if isinstance(said, Stated) or not isinstance(said, list | tuple | set | Iterator):
-        return [said]
-    return [item for part in said for item in _flat(part)]
+    if isinstance(nested, Stated) or not isinstance(nested, list | tuple | set | Iterator):
+        return [nested]
+    return [item for part in nested for item in _flat(part)]
 
 
-def check_room(stated: Constraints, model: Model) -> None:
+def _check_consistent(stated: Constraints, model: Model) -> None:
     """Checks that constraints can hold together, with positive masses and friction.
 
     Raises:
         InputError: they contradict each other; names the labels.
     """
     if labels := stated.contradicting:
-        raise no_room(labels)
+        raise contradiction_of(labels)
     cone = replace(model, constraints=stated).cone
     if not cone.plane().basis.shape[1]:
         raise InputError(
@@ -223,17 +223,14 @@ def check_room(stated: Constraints, model: Model) -> None:
         )
     found = deepest_point(cone, typical_parameters(cone), typical_sizes(cone))
     if not found.inside:
-        raise no_room(found.labels)
+        raise contradiction_of(found.labels)
 
 
-def no_room(labels: Sequence[str]) -> InputError:
+def contradiction_of(labels: Sequence[str]) -> InputError:
     """The error for contradicting constraints."""
     if len(labels) == 1:
-        said = f"{labels[0]} cannot hold with positive masses, inertias and friction"
+        message = f"{labels[0]} contradicts positive masses, inertias and friction"
     else:
-        said = (
-            f"{', '.join(labels[:-1])} and {labels[-1]} cannot hold together"
-            if labels
-            else "they contradict each other"
-        )
-    return InputError(said, field="constraints", remedy="state intervals that overlap, with some width")
+        together = f"{', '.join(labels[:-1])} and {labels[-1]}" if labels else "they"
+        message = f"{together} contradict each other"
+    return InputError(message, field="constraints", remedy="state intervals that overlap, with some width")

@@ -15,7 +15,7 @@ class Tuning:
 
     # noise
     white_lag: float = 0.02
-    """Lag, s, after which sensor noise is uncorrelated; model error lasts longer. Ablation: changes the effects."""
+    """Lag, s, above which sensor noise is uncorrelated; model error lasts longer. Ablation: changes the effects."""
     coloured_share: tuple[float, float] = (0.05, 0.98)
     """Least and largest share of the coloured part in a residual's variance; both logarithms stay finite. Ablation:
     halving changes signs."""
@@ -23,8 +23,7 @@ class Tuning:
     """Longest lag, s, of the residual's autocorrelation; slower parts count as motion. Ablation: halving changes
     effects."""
     sokal: float = 5.0
-    """Width of the window of the integrated time, in autocorrelation times; Sokal 1997, section 3, recommends 4 to
-    10."""
+    """Window for the integrated autocorrelation time, in autocorrelation times; Sokal (1997, section 3): 4 to 10."""
     noise_replicates: int = 12
     """Noise draws that are refitted together; their mean has sqrt(1 / 12) = 0.29 of the standard deviation of one
     draw."""
@@ -39,45 +38,46 @@ class Tuning:
     most_corrected: int = 30_000
     """Largest number of samples for which the noise is corrected for the fit's degrees of freedom; limits the time."""
     involved: float = 1e-3
-    """Component along a direction without curvature above which a coefficient counts as unexcited."""
+    """Component of a coefficient in directions without information above which it counts as not excited."""
     near_edge: float = 10.0
     """A pseudo-inertia is on the edge if its smallest eigenvalue is below this many solver margins."""
 
     # the cone's solver
     pull_reach: float = 100.0
-    """Distance from typical links, in sizes, at which the Tikhonov term costs 0.5 nat. No real link is that far."""
+    """Distance of a parameter from the typical link, in sizes, at which the Tikhonov term costs 0.5 nat; no real link
+    is that far."""
     least_tikhonov: float = 1e-11
     """Least weight of the Tikhonov term over the efforts' energy. rho stays below 1e-8 of the energy up to 30 sizes."""
     completing_tikhonov: float = 1e-9
-    """The same weight where parameters without effect are wanted too; Clarabel resolves 1e-10."""
+    """The same weight where parameters without effect are needed too; Clarabel resolves 1e-10."""
     most_pull: float = 1e-7
-    """Largest weight over the energy, for efforts too few or too weak to determine any parameter."""
-    inside_nearness: float = 1e-4
+    """Largest weight over the energy; it is reached if the efforts determine no parameter."""
+    interior_nearness: float = 1e-4
     """Weight of the squared distance to typical links, in sizes, when parameters are moved inside the cone."""
-    inside_tolerance: float = 1e-6
-    """Relative gap when parameters are moved inside the cone; the data do not depend on the end point."""
+    interior_tolerance: float = 1e-6
+    """Relative gap when parameters are moved inside the cone; predictions do not depend on the exact point."""
     feasibility_tolerances: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)
     """Tolerances of the feasibility check, tried in this order until Clarabel reaches one."""
     undecided: float = 1e-9
     """Least curvature of columns of unit length, relative to the largest, that determines a direction."""
-    no_room: float = 1e-7
+    least_depth: float = 1e-7
     """Least depth, in sizes, of a feasible set with interior: 100 times the solver's tolerance."""
-    ends_room: float = 1e-3
+    contradicting_share: float = 1e-3
     """Share of the multipliers above which a constraint belongs to a contradiction."""
     depth_nearness: float = 1e-7
     """Weight of the squared distance to typical parameters, in sizes, against a depth of one size."""
     precise_tolerances: tuple[float, ...] = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
     """Tolerances of precise solves, tried in this order until Clarabel reaches one."""
     finest_of_stated: float = 1e-9
-    """Relative gap asked of the solver when constraints cut the cone; the usual one is enough if rounding ends it
-    before. P is tiny where only the Tikhonov term determines parameters, and P^-1 magnifies errors of the multipliers
-    in the lower bound (`bayesid study constraints`)."""
+    """Relative gap requested of the solver when constraints cut the cone; the usual gap suffices if rounding ends it.
+    Where only the Tikhonov term determines parameters, errors of the multipliers have a large effect on the lower bound
+    (`bayesid study constraints`)."""
 
     # what is stated of parameters
     most_half_spaces: int = 200
     """Largest number of half spaces of one constraint; no centre of mass is known finer than a hull of 200 faces."""
-    pushes: float = 1e-6
-    """Share of the largest multiplier below which a multiplier is rounding, and its constraint inactive."""
+    active_multiplier: float = 1e-6
+    """Share of the largest multiplier below which a multiplier is rounding error, so its constraint is inactive."""
     longest_label: int = 90
     """Longest label, characters; a longer constraint is called by its number."""
 
@@ -85,9 +85,9 @@ class Tuning:
     decided_gain: float = 0.1
     """Largest posterior over prior variance of a gain that counts as decided by the data (docs/posterior.md, section
     3)."""
-    lost_gain: float = 1.0
+    unknown_gain: float = 1.0
     """Prior sd of the logarithm of an unknown gain about the value that the robot's size suggests: a factor of 2.7."""
-    lost_gains_together: float = 1.3
+    unknown_gains_together: float = 1.3
     """Prior sd of the logarithm of the factor common to unknown gains: 3.7, the spread of mass among arms of one
     reach."""
     arm_mass: float = 40.0
@@ -99,19 +99,19 @@ class Tuning:
     gains_converged: float = 1e-3
     """Newton decrement, nats, at which the gains have converged: 3 % of a standard deviation."""
 
-    # beliefs
+    # prior of links
     typical_mass: float = 0.3
-    """Mass of the typical link over the scale of masses; chosen by hand with the next two (study `prior`)."""
+    """Mass of the typical link over the scale of masses. Chosen with the next two; study `prior` varies the scale."""
     typical_spread: float = 0.25
-    """RMS distance of its mass along each axis over the scale of distances."""
+    """RMS distance of the typical link's mass along each axis over the scale of distances."""
     widest_radius: float = 3.75
-    """Largest radius of gyration about the frame over the scale of distances."""
+    """Largest radius of gyration about a link's frame over the scale of distances."""
     total_masses: tuple[float, float] = (0.01, 30.0)
     """Least and largest mass of all bodies over the scale of a link's mass; real arms are far from both."""
 
     # unmodelled effects that are marginalised
     faint: float = 1e-3
-    """D below which a direction is dropped: its variance grows by a factor of 1 + D^2 only."""
+    """D (:eq:`nuisance-root`) below which a direction is dropped: its variance grows by a factor of 1 + D^2 only."""
     long_log: int = 20_000
     """Number of samples from which directions are stored in single precision."""
 
@@ -137,13 +137,14 @@ class Tuning:
     error_damping: float = 1e-2
     """Share of the curvature added after a step that raised the cost; each further failure multiplies it by 10."""
     grid_error: float = 0.005
-    """Relative error of the grid's sum of squares, which includes the samples across gaps. Chosen by hand."""
+    """Assumed relative error of the grid's sum of squares, which includes interpolated samples: minima within it are
+    refined. Chosen; not measured."""
     limited_evaluations: int = 40
     """Evaluations of the bounded search for an error model."""
     limited_step: float = 0.5
     """First step of that search."""
-    unseen_size: float = 1e-3
-    """Relative change of an error's size that does not reweight samples; its sampling error is about 1e-2."""
+    equal_size: float = 1e-3
+    """Relative difference of two errors' sizes below which they are equal; their sampling error is about 1e-2."""
     whitened_at_once: int = 100_000
     """Column entries that are whitened together: 1 MB, the size of a processor's cache."""
     kept_bytes: int = 128_000_000
@@ -153,11 +154,11 @@ class Tuning:
     usual_effort: float = 0.3
     """Prior sd of an effect's largest effort over the joint's RMS effort. Ablation: halving changes the effects."""
     sharper_turn: float = 4.0
-    """Factor by which friction reverses faster where it is a step; a steeper slope looks the same in a log."""
-    settlings: int = 2
-    """Times that the effects are refitted with the updated error models."""
+    """Slope of a sharp friction reversal over that of the model's tanh; a steeper one has the same effect in a log."""
+    refits: int = 2
+    """Largest number of fits of the effects, each with the error models of the fit before."""
     initial_coloured: float = 0.05
-    """Coloured over white part of the first error model; it weighs the first fit only."""
+    """Ratio of coloured to white part in the first error model; it weights the first fit only."""
     initial_time: float = 0.1
     """Correlation time, s, of the first error model."""
     proposed_sets: tuple[int, int, int] = (3, 5, 4)
@@ -186,26 +187,26 @@ class Tuning:
     folds: int = 4
     """Folds of these blocks, each spread over the whole log. Ablation: changes the effects."""
     shortest_block: float = 1.0
-    """Shortest block, s; half of 10 s of the Panda log needs it (study `complete`). Ablation: doubling changes the
-    effects."""
+    """Shortest block, s; so that 5 s of the Panda log have enough blocks (study `complete`). Ablation: doubling changes
+    the effects."""
     harm: float = 0.04
     """Largest tolerated rise of a joint's mean squared error, relative: 2 % of the RMS error."""
     help: float = 0.1
     """Least drop of the sum of the joints' relative mean squared errors that an effect must reach."""
     sure: float = 1.5
-    """The same drop in standard errors over the blocks. With 2, effects of one half of the TX40 log are missed in the
-    other half; with 1, false effects enter."""
+    """The same drop in standard errors over the blocks. With 2, effects found in one half of the TX40 log are missed in
+    the other half; with 1, false effects are added."""
     sets_predicted_at_once: int = 16
     """Largest number of candidates whose predictions of held-out blocks are computed together."""
     needed: float = 12.0
-    """Nats that an effect must gain: about 150 candidates a log times e^-12 leave 1e-3 false ones, even if the noise
-    model is wrong by a factor of two in nats."""
+    """Nats that an effect must gain: 150 candidates per log times e^-12 are 1e-3 false ones; with a noise model that
+    doubles the nats, 150 e^-6 = 0.4."""
     most_effects: int = 16
     """Largest number of added effects; ends a loop that does not converge."""
     significant: float = 3.0
     """Standard deviations from zero that one number of an effect must have in the final fit: 1 in 370 by chance."""
     short_list: int = 60
-    """Effects that are scored a second time, in their best form."""
+    """Number of effects that are scored a second time, each in its best form."""
     thinned_samples: int = 2_500
     """Samples on which effects are selected, thinned evenly; trades time. Ablation: halving changes the effects."""
     slowest_rate: float = 25.0
@@ -213,17 +214,17 @@ class Tuning:
     stretches: int = 8
     """Number of stretches of a log that is too long."""
     moved_effort: float = 0.1
-    """Share of a joint's effort by which the model changes before distortions are linearised again."""
+    """Change of the model's effort, over a joint's effort, above which distortions are linearised again."""
 
     # effects that cannot be excluded
     relevance_rounds: int = 60
-    """Iterations of the fixed point of the scales; they are then accurate to a few per cent."""
+    """Iterations of the fixed point of the scales; the scales are then accurate to a few per cent."""
     relevance_start: float = 0.3
-    """First value of s in units of its prior; the fixed point leaves large values slowly."""
+    """First value of s in units of its prior; the fixed point converges slowly from large values."""
     absent: float = 0.5
-    """Prior count h: half an observation of zero, Jeffreys's prior of a variance."""
+    """h in :eq:`relevance`, a prior count of observations of zero; one half is Jeffreys's prior of a variance."""
     own_share: float = 1e-2
-    """Least share of a direction's square that is outside the span of the model's columns."""
+    """Least share of a direction's squared length outside the span of the model's columns."""
     gone: float = 1e-3
     """Value of s below which a group is dropped."""
     moved_coefficient: float = 2.0
@@ -237,7 +238,7 @@ class Tuning:
     sizes: tuple[float, ...] = (0.02, 0.06, 0.2, 0.6)
     """Prior sd of a function over the joint's RMS effort."""
     cosines_screened: int = 6
-    """Cosines of a variable while pairs are screened. Chosen by hand."""
+    """Cosines per variable while pairs of variables are screened. Chosen; not measured."""
     cosines_coarse: int = 8
     """Cosines of the coarse forms of the screened variables."""
     cosines_fine: int = 14
@@ -246,10 +247,10 @@ class Tuning:
     """Sets of variables of which all forms are tried first."""
     variables_tried_again: int = 4
     """The same number for the residual of the first function."""
-    variables_looked_at: int = 6
+    variables_rescored: int = 6
     """Sets of variables that get their own error models."""
     harmonics: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    """Harmonics of a joint's turn, each tried alone; the first three also with their multiples."""
+    """Harmonics of a joint's revolution, each tried alone; the first three also with their multiples."""
     fadings: tuple[float, ...] = (0.2, 0.5, 1.2)
     """Time constants that are tried, over the log's length."""
     fastest_oscillation: float = 0.125
@@ -263,20 +264,21 @@ class Tuning:
     changes: float = 1e-3
     """Range of a variable (rad, rad/s, rad/s^2, N m or s) below which it counts as constant."""
     law_columns: int = 4
-    """Largest number of columns of a form whose amplitudes stay free in the model, such as a product of two sines."""
+    """Largest number of columns of a form that enters the model with free amplitudes, such as a product of two
+    sines; smooth functions enter with a fixed shape."""
 
-    # Effects of a log beside a model, from the blind cases of `bayesid study discrepancy`
+    # Discrepancy of a log from a model; measured on the blind cases of `bayesid study discrepancy`
     above_floor: float = 1.25
     """Residual over the noise floor above which a joint is unexplained."""
     above_blunt_floor: float = 1.6
-    """The same over an incomplete floor, which lacks slow noise; real friction had to be explained too."""
+    """The same over an incomplete floor, which lacks slow noise; lower values report real friction as unexplained."""
     at_blunt_floor: float = 1.15
     """Residual over an incomplete floor below which only standard effects are searched."""
     improvement_of_rest: float = 0.1
-    """Needed fall of a joint's mean squared residual, as a share of the residual, beside `Thresholds.improvement`."""
+    """Least relative fall of a joint's mean squared residual, in addition to `Thresholds.improvement`."""
     testable: float = 2.0
-    """Expected log10 of the Bayes factor at a usual amplitude above which an effect is testable."""
-    close_looks: int = 10
+    """Expected log10 of the Bayes factor of an effect of usual amplitude above which it is testable."""
+    rescored: int = 10
     """Effects that get their own error models when all are scored; trades time."""
 
 

@@ -161,7 +161,7 @@ def test_the_command_takes_a_file_and_refuses_a_bad_one_in_one_line(tmp_path, ca
     capsys.readouterr()
     for text, said in (
         ("[bounds]\nmm2 = [1, 2]", "did you mean m2"),
-        (f"total_mass = [0.1, 0.2]\n[bounds]\n{about('m2', 0.1)}\n", "total_mass and bounds.m2 cannot hold together"),
+        (f"total_mass = [0.1, 0.2]\n[bounds]\n{about('m2', 0.1)}\n", "total_mass and bounds.m2 contradict each other"),
     ):
         known.write_text(text)
         assert main([*call, "--out", str(tmp_path / "refused")]) == 2

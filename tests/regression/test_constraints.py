@@ -260,10 +260,10 @@ REFUSED = {
     "root's remedy": (lambda p: cp.sqrt(p["m3"]) >= p["mc1x"], "cp.square(b) <= a"),
     "cube": (lambda p: cp.power(p["m1"], 3) <= 5, "variables other than"),
     "long norm": (lambda p: cp.norm(cp.hstack([p.first_moment(1), p["m3"], p["Fv1"]])) <= p["m2"], "5 numbers"),
-    "equality outside": (lambda p: [p["m3"] == 4, p["m2"] <= 3, p["m3"] <= 3.5], "m3 == 4 and m3 <= 3.5 cannot hold"),
+    "equality outside": (lambda p: [p["m3"] == 4, p["m2"] <= 3, p["m3"] <= 3.5], "m3 == 4 and m3 <= 3.5 contradict"),
     "equal to two": (lambda p: [p["m2"] == 2 * p["m3"], p["m1"] == 3, p["m2"] == 6, p["m3"] == 4],
-                     "m2 == 2 * m3, m2 == 6 and m3 == 4 cannot hold together"),
-    "no friction": (lambda p: p["Fv1"] == 0, "Fv1 == 0 cannot hold with positive"),
+                     "m2 == 2 * m3, m2 == 6 and m3 == 4 contradict each other"),
+    "no friction": (lambda p: p["Fv1"] == 0, "Fv1 == 0 contradicts positive"),
     "never equal": (lambda p: p["m1"] == p["m1"] + 1, "never holds"),
     "chain": (lambda p: 1 <= p["m1"] <= 5, "by itself"),
     "nothing": (lambda p: [1 <= 5], "True"),
@@ -272,16 +272,16 @@ REFUSED = {
     "no link": (lambda p: p.mass(4) <= 5, "link from 1 to 3"),
     "flat hull": (lambda p: p.com_in_hull(1, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), "no volume"),
     "box": (lambda p: p.com_in_box(1, [0, 0, 0.1], [0.1, 0.1, 0.1]), "lower corner"),
-    "negative mass": (lambda p: p["m2"] <= -1, "m2 <= -1 cannot hold with positive masses"),
-    "clash": (lambda p: [p["m1"] <= 2, p.total_mass >= 9, p["m2"] + p["m3"] <= 5, p["Fv1"] <= 3], "hold together"),
+    "negative mass": (lambda p: p["m2"] <= -1, "m2 <= -1 contradicts positive masses"),
+    "clash": (lambda p: [p["m1"] <= 2, p.total_mass >= 9, p["m2"] + p["m3"] <= 5, p["Fv1"] <= 3], "contradict each other"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", REFUSED)
 def test_invalid_constraints_are_refused_by_name(kind, model):
-    says, message = REFUSED[kind]
+    function, message = REFUSED[kind]
     with pytest.raises(InputError) as caught:
-        constraints_of(says, model)
+        constraints_of(function, model)
     assert message in str(caught.value)
     if kind == "clash":
         assert all(label in str(caught.value) for label in ("m1 <= 2", "9 <= total_mass", "m2 + m3 <= 5"))
@@ -301,7 +301,7 @@ def test_invalid_constraints_are_refused_by_name(kind, model):
         ("[bounds]\nm3 = [5, 3]", "bounds.m3 = [5, 3] is empty"),
         ("[bounds]\nm3 = 4", "bounds.m3"),
         ("[bounds]\nmm3 = [3, 5]", "did you mean m3"),
-        ("", "states nothing"),
+        ("", "has no constraints"),
         ("total_mass = [1, nan]", "cannot be used"),
     ],
 )

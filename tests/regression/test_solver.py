@@ -15,7 +15,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.friction import LoadDependentFriction
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
-from bayesid.regression.inside import move_inside
+from bayesid.regression.interior import interior_point
 from bayesid.regression.solver import MARGIN, ConeLeastSquares, solve_precisely
 from bayesid.regression.tuning import TUNING
 from bayesid.robot import load_robot
@@ -44,7 +44,7 @@ def test_bodies_are_moved_as_far_inside_as_cvxpy_finds():
         flat = PSEUDO_INERTIA_BASIS.reshape(10, 16).T @ moved[body]
         constraints.append(cp.reshape(flat, (4, 4), order="C") - t * typical >> 0)
     farthest = cp.Problem(cp.Maximize(t), constraints).solve(solver=cp.CLARABEL)
-    inside = move_inside(cone, coefficients, theta)
+    inside = interior_point(cone, coefficients, theta)
     np.testing.assert_allclose(coefficients.project(inside), coefficients.project(theta), atol=1e-9)
     root = np.sqrt(np.outer(np.diag(typical), np.diag(typical)))
 

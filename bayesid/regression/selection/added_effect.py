@@ -47,7 +47,7 @@ class AddedEffect:
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
         log_data = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
-        return f"AddedEffect {self.effect}, {where}: {log_data}; go on with .parameters, .readable, .rivals"
+        return f"AddedEffect {self.effect}, {where}: {log_data}; next: .parameters, .readable, .rivals"
 
     @property
     def alone(self) -> AddedEffect:

@@ -128,7 +128,7 @@ class Whitening:
 
 
 def blocks_of(duration: float) -> int:
-    """Number of blocks of a log of this duration, s: fewer for a short log, at least one a fold."""
+    """Number of blocks of a log of this duration, s: fewer for a short log, at least one per fold."""
     return int(np.clip(duration / TUNING.shortest_block, TUNING.folds, TUNING.blocks))
 
 
@@ -148,7 +148,7 @@ def by_fold(left: Array, right: Array, rate: float) -> Array:
 
 
 def stacked(effects: Sequence[Columns]) -> list[Columns]:
-    """The same effects as views of one array a joint, if they have equal joints and numbers of amplitudes."""
+    """The same effects as views of one array per joint, if they have equal joints and numbers of amplitudes."""
     stacks = {j: together(effects, j)[0] for j in sorted(effects[0].joints)}
     p = len(effects[0].sd)
     return [

@@ -54,7 +54,7 @@ def confirms(
     """Whether an effect in some (0-based) joints lowers the error there, without raising that of all joints together.
 
     The joints' mean squared errors, relative to those before and added up, must fall by `least`. The standard error
-    uses blocks that gain less than the mean: a large gain in few blocks, and none elsewhere, is no chance.
+    uses only blocks that gain less than the mean, as a large gain in few blocks is not noise.
     """
     relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), TINY)
     of_blocks = relative[:, sorted(joints)].sum(axis=1)

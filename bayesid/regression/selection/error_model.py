@@ -78,7 +78,7 @@ class ErrorModel:
 def alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
     """Whether error models give equal weights: equal filters, and sizes within `Tuning.unseen_size`."""
     pairs = zip(errors, others, strict=True)
-    return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= TUNING.unseen_size * b.sigma for a, b in pairs)
+    return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= TUNING.equal_size * b.sigma for a, b in pairs)
 
 
 def bridged(values: Array, used: Mask) -> Array:
@@ -199,7 +199,7 @@ class _Residuals:
         return at.square, place
 
     def within(self, limits: tuple[float, float]) -> Array:
-        """The likeliest point within limits; their kinks need a search without derivatives."""
+        """The likeliest point within limits, by a search without derivatives, as limits make the likelihood kinked."""
         points, squares, variance = self._grid()
         count = max(int(self.used.sum()), 1)
         most = np.array([min(_most(_from_point(point)[0], limits)) for point in points])

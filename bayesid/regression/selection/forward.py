@@ -26,25 +26,26 @@ def select_forward(
     sharpen: Sharpen = lambda regression, chosen: {},
     start: Set[EffectKey] = frozenset(),
 ) -> tuple[Regression, list[Hypothesis]]:
-    """Adds the confirmed effect of the largest gain until none is left, and removes effects that become unnecessary.
+    """Adds the confirmed effect of largest gain until no other is confirmed; removes effects that become unnecessary.
 
-    Each needs the log Bayes factor `needed`; at most `most` are added. Those in `start` are removed too if they do not
-    pass. Returns a regression with the error model of the result, and the selected effects.
+    An effect is confirmed if its gain (log Bayes factor) exceeds `needed` and it lowers the error on held-back blocks.
+    At most `most` effects are selected. Effects in `start` are selected first, and removed if they are not confirmed.
+    Returns a regression with the error model of the result, and the selected effects.
     """
-    begun = [effect for effect in regression.effects if effect.key in start]
-    selection = _Selection(regression, begun, needed, most, sharpen)
-    if begun:
-        selection.settle()
-        selection.drop_idle()
+    first = [effect for effect in regression.effects if effect.key in start]
+    selection = _Selection(regression, first, needed, most, sharpen)
+    if first:
+        selection.refit()
+        selection.drop_unconfirmed()
     while True:
         selection.grow()
         grown = selection.chosen
-        selection.drop_idle()
+        selection.drop_unconfirmed()
         selection.drop_harmful()
         if len(selection.chosen) == len(grown):
             return selection.regression, selection.chosen
         selection.refuse(grown)
-        selection.settle()
+        selection.refit()
 
 
 @dataclass(eq=False)
@@ -59,11 +60,11 @@ class _Selection:
     refused: set[EffectKey] = field(default_factory=set)
 
     def refuse(self, tried: Effects) -> None:
-        """Excludes effects that were tried and not selected, which ends the loop."""
+        """Excludes effects that were tried and are not selected; so the loop ends."""
         self.refused |= {effect.key for effect in tried} - {effect.key for effect in self.chosen}
 
     def grow(self) -> None:
-        """Adds effects as long as one is confirmed; effects that become unnecessary are excluded from then on."""
+        """Adds confirmed effects one by one; those that become unnecessary are not tried again."""
         while len(self.chosen) < self.most:
             taken = {effect.key for effect in self.chosen} | self.refused
             tried = [effect for effect in self.regression.effects if effect.key not in taken]
@@ -72,25 +73,25 @@ class _Selection:
             if more is None:
                 break
             self.chosen = self._merged(self._exchanged(more))
-            self.settle()
+            self.refit()
             self.refuse(more)
 
     def _first_confirmed(self, promising: Effects) -> list[Hypothesis] | None:
-        """The selected and the first confirmed effect, if any; batches grow, as they are evaluated together."""
+        """The selected effects and the first confirmed one; None if none is. Batches, evaluated together, grow."""
         before = self.regression.cross_validation(self.chosen)
         candidates, count = iter([_with(self.chosen, entering) for entering in promising]), 1
-        while some := list(islice(candidates, count)):
-            for more, errors in zip(some, self.regression.held_back_each(some), strict=True):
+        while batch := list(islice(candidates, count)):
+            for more, errors in zip(batch, self.regression.held_back_each(batch), strict=True):
                 if confirms(errors, before, more[-1].columns.joints):
                     return more
             count = min(2 * count, TUNING.sets_predicted_at_once)
         return None
 
     def _exchanged(self, chosen: list[Hypothesis]) -> list[Hypothesis]:
-        """Replaces effects by ones that explain more in their joints and are confirmed.
+        """Replaces an effect by a confirmed one that explains more in the same joints, given the other effects.
 
-        The first added effect may only resemble a sum of two better ones. Of equivalent effects (Jeffreys 1961,
-        appendix B), the one with fewest columns is taken.
+        The first added effect may only resemble a sum of two true ones. Of effects with Bayes factors within a factor
+        of 10 (Jeffreys 1961, appendix B) the one with fewest columns is used.
         """
         for effect in list(chosen):
             others, joints = _without(chosen, effect), effect.columns.joints
@@ -108,10 +109,10 @@ class _Selection:
         return chosen
 
     def _merged(self, chosen: list[Hypothesis]) -> list[Hypothesis]:
-        """Replaces pairs of effects in one place by a single one that explains nearly as much and is confirmed.
+        """Replaces two effects of the same joints by a confirmed one that explains nearly as much.
 
-        Two effects may together imitate a third. It must exceed either by the needed gain, and lose at most twice that
-        against the pair, whose forms were fitted to the log.
+        Two effects may together imitate a third. Its gain must exceed that of either by `needed`. It may be lower than
+        that of the pair, whose forms were fitted to the log, by up to twice `needed`.
         """
         for pair in combinations(chosen, 2):
             joints = pair[0].columns.joints
@@ -131,18 +132,18 @@ class _Selection:
     def _best(self, others: Effects, rivals: Effects) -> Hypothesis:
         return rivals[int(np.argmax(self.regression.gains(others, rivals)))]
 
-    def settle(self) -> None:
+    def refit(self) -> None:
         """Linearises the selected forms again and refits the noise until no effect is unnecessary."""
         while True:
             forms = self.sharpen(self.regression, self.chosen)
             self.chosen = [forms.get(id(effect), effect) for effect in self.chosen]
             self.regression = self.regression.with_forms(forms).weighed_by(self.chosen)
             count = len(self.chosen)
-            self.drop_needless()
+            self.drop_unneeded()
             if len(self.chosen) in (count, 0):
                 return
 
-    def drop_needless(self) -> None:
+    def drop_unneeded(self) -> None:
         """Removes effects whose gain, given the others, is too small, the smallest first."""
         while self.chosen:
             gains = [self._gain(effect) for effect in self.chosen]
@@ -150,18 +151,18 @@ class _Selection:
                 break
             self.chosen = _without(self.chosen, self.chosen[int(np.argmin(gains))])
 
-    def drop_idle(self) -> None:
+    def drop_unconfirmed(self) -> None:
         """Removes effects that others make unnecessary, or that held-back data do not confirm."""
-        self.drop_needless()
+        self.drop_unneeded()
         while self.chosen:
             sets = [self.chosen, *(_without(self.chosen, effect) for effect in self.chosen)]
             after, *before = self.regression.held_back_each(sets)
             pairs = zip(self.chosen, before, strict=True)
-            idle = [effect for effect, errors in pairs if not confirms(after, errors, effect.columns.joints)]
-            if not idle:
+            unconfirmed = [effect for effect, errors in pairs if not confirms(after, errors, effect.columns.joints)]
+            if not unconfirmed:
                 break
-            self.chosen = _without(self.chosen, min(idle, key=self._gain))
-            self.drop_needless()
+            self.chosen = _without(self.chosen, min(unconfirmed, key=self._gain))
+            self.drop_unneeded()
 
     def drop_harmful(self) -> None:
         """Removes effects that raise the error of a joint, the most harmful first."""
@@ -176,7 +177,7 @@ class _Selection:
 
 
 def _with(chosen: Effects, entering: Hypothesis) -> list[Hypothesis]:
-    """The selected effects and one more, which replaces the same effect in some of its joints."""
+    """The selected effects and one more; it replaces the same effect in a subset of its joints."""
     effect, joints = entering.key[0], entering.columns.joints
     return [*(other for other in chosen if not (other.key[0] == effect and other.columns.joints <= joints)), entering]
 

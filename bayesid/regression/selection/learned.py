@@ -229,8 +229,8 @@ class Finder:
     ) -> list[Learned]:
         """The most promising functions on top of a fit, one for each set of variables, best first.
 
-        The first residual looks like slow noise, which hides slow functions. So functions are scored again with the
-        error model that the best one leaves. `bounded` functions are constant beyond the observed range.
+        The first residual resembles slow noise, which hides slow functions. So functions are scored again with the
+        error model after the best one. `bounded` functions are constant beyond the observed range.
         """
         again, regression = errors is not None, Regression.of(fitted_effects)
         regression = regression if errors is None else regression.weighed(errors)
@@ -252,7 +252,7 @@ class Finder:
     ) -> list[Learned]:
         """The best functions with their own error models."""
         closer = []
-        for chosen in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_looked_at]:
+        for chosen in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_rescored]:
             form, gain, best_gain = best[chosen]
             hypothesis = self.hypothesis(form)
             effects = (*fitted_effects.effects, hypothesis)

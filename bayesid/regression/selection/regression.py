@@ -78,7 +78,7 @@ class Regression:
 
     @cached_property
     def _places(self) -> dict[int, tuple[Integers, Integers]]:
-        """By effect id: indices of its columns, and of its change if it has one."""
+        """By effect id: indices of its columns, and of its change if any."""
         places, end = {}, self._ends[1]
         for effect in self.effects:
             columns = effect.columns
@@ -369,7 +369,7 @@ def explain(
     """Fit of some effects, with error models refitted from those of another fit or the reference."""
     begin = data.reference if start is None else start
     regression = Regression(data, effects, plain_errors(data) if begin is None else begin.errors, uncertain)
-    for _ in range(TUNING.settlings):
+    for _ in range(TUNING.refits):
         regression = regression.weighed(regression.fitted_effects.errors)
         if alike(regression.errors, regression.fitted_effects.errors):
             break

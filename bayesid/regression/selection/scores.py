@@ -64,7 +64,7 @@ class Score:
 
 def assess(fitted_effects: FittedEffects, library: Library) -> list[Score]:
     """Every effect of the library in its best form on top of a fit, best first; the best ones with refitted errors."""
-    count = TUNING.close_looks
+    count = TUNING.rescored
     ordered = best_forms(Regression.of(fitted_effects), library)
     closer = [_closer(fitted_effects, score) for score in ordered[:count]]
     return sorted(closer, key=lambda score: -score.gain) + ordered[count:]
@@ -164,7 +164,7 @@ def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
 
 
 def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
-    """The scores, best first, but a standard effect before others of its joint that are hardly better.
+    """The scores, best first, but a standard effect before others of its joint that are little better.
 
     Only with an incomplete floor: no term describes real friction exactly, so a slightly better, more complex effect is
     not the missing one, whatever its Bayes factor.

@@ -33,8 +33,8 @@ from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 
-def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
-    """(P,) parameters with the same coefficients as theta (P,), with every body as far inside the cone as possible.
+def interior_point(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
+    """(P,) parameters with the same coefficients as theta (P,), and every body as far inside the cone as possible.
 
     Only combinations without effect on the efforts move: theta + N z with B N = 0. The largest t is found with
     P(theta + N z) >= t Q for each body, Q a typical link's pseudo-inertia. Stated constraints still hold.
@@ -50,14 +50,14 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     rows = np.column_stack([-rows_of(cone, free), _outwards(cone)])  # of (z, t)
     along, away = free / sizes[:, None], (theta - typical_parameters(cone)) / sizes
     quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
-    quadratic[:-1, :-1] = 2.0 * TUNING.inside_nearness * along.T @ along  # bounds masses without effect
-    linear[:-1] = 2.0 * TUNING.inside_nearness * along.T @ away
+    quadratic[:-1, :-1] = 2.0 * TUNING.interior_nearness * along.T @ along  # bounds masses without effect
+    linear[:-1] = 2.0 * TUNING.interior_nearness * along.T @ away
     offsets = rows_of(cone, theta)
     if cone.stated is not None:  # the solver may leave theta slightly outside
         offsets = offsets + offsets_of(cone)
         offsets = np.where(label_of_row(cone) >= 0, into_cone(offsets, linear_count(cone)), offsets)
     stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, cones_of(cone)
-    outcome = solved(clarabel.DefaultSolver(*stated, settings_of(TUNING.inside_tolerance)))
+    outcome = solved(clarabel.DefaultSolver(*stated, settings_of(TUNING.interior_tolerance)))
     if outcome.failure:
         raise SolverError("moving parameters inside the cone", outcome.failure)
     return theta + free @ outcome.point[:-1]
@@ -80,7 +80,7 @@ class Depth:
     @property
     def inside(self) -> bool:
         """Whether the depth exceeds the solver's tolerance."""
-        return self.depth > TUNING.no_room
+        return self.depth > TUNING.least_depth
 
 
 def deepest_point(
@@ -91,14 +91,14 @@ def deepest_point(
     offset: Array | None = None,
     names: Sequence[str] = (),
 ) -> Depth:
-    """A point deep inside, as near as possible to a point (P,); depths are in sizes (P,) of the parameters.
+    """A point deep inside the cone and the constraints, and close to `near`; depths are in sizes of the parameters.
 
     The largest t <= 1 such that every half space holds by t of its size, every body has P >= t Q for a link Q of its
     size, and every stated matrix is >= t of its size. If t < 0, the multipliers are Farkas' proof of a contradiction.
 
     Args:
         cone: the cone with the stated constraints.
-        near: (P,) point to stay near.
+        near: (P,) point; the distance to it has a small weight.
         sizes: (P,) of the parameters.
         rows: (m, P) of further half spaces, rows theta + offset >= 0.
         offset: (m,) of these half spaces.
@@ -132,7 +132,7 @@ def deepest_point(
         by_label = np.concatenate([of_row, np.full(len(more) + 1, -1), cone.stated.of_equal])
         shares = {label: float(push[by_label == k].sum()) for k, label in enumerate(cone.stated.labels)}
     shares |= dict(zip(names, push[len(of_row) : len(of_row) + len(more)].tolist(), strict=True))
-    active = tuple(label for label, share in shares.items() if share > TUNING.ends_room)
+    active = tuple(label for label, share in shares.items() if share > TUNING.contradicting_share)
     return Depth(cone.plane().nearest(sizes * outcome.point[:-1]), float(outcome.point[-1]), active)
 
 
