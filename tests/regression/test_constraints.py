@@ -273,7 +273,7 @@ REFUSED = {
     "flat hull": (lambda p: p.com_in_hull(1, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]), "no volume"),
     "box": (lambda p: p.com_in_box(1, [0, 0, 0.1], [0.1, 0.1, 0.1]), "lower corner"),
     "negative mass": (lambda p: p["m2"] <= -1, "m2 <= -1 contradicts positive masses"),
-    "clash": (lambda p: [p["m1"] <= 2, p.total_mass >= 9, p["m2"] + p["m3"] <= 5, p["Fv1"] <= 3], "contradict each other"),
+    "clash": (lambda p: [p["m1"] <= 2, p.total_mass >= 9, p["m2"] + p["m3"] <= 5, p["Fv1"] <= 3], "contradict each"),
 }  # fmt: skip
 
 
