@@ -156,14 +156,14 @@ _TRACK = Command(
     "track signs, external torques and alarms online",
     [
         "bayesid track result another_log.csv --lag 0.05 --plot --out tracked",
-        "my_logger | bayesid track result - --follow --rate 125 > signed_stream.csv",
+        "my_logger | bayesid track result - --follow > signed_stream.csv",
     ],
     [
         *shared("result"),
         *shared("log", "log of the same robot; -: standard input"),
         option("--lag S", "delay that allows smoothing, s", default=0.0),
         flag("--follow", "answer rows of the standard input at once"),
-        option("--rate HZ", "sampling rate; needed with --follow", type=float),
+        option("--rate HZ", "sampling rate (default: by the time stamps)", type=float),
         *shared("--payload"),
         option(
             "--plot",
@@ -184,7 +184,8 @@ _TRACK = Command(
         **reading_of_result(),
     },
     details="with --follow each row is answered by a row of signed_stream.csv; alarms are\n"
-    "  lines of JSON on the standard error; a folder is written only with --out",
+    "  lines of JSON on the standard error; a folder is written only with --out;\n"
+    "  without --rate the first second is answered without signs",
 )
 _REPORT = Command(
     "report",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
@@ -23,8 +23,9 @@ from bayesid.identification.model_file import load
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.formats.encodings import Encoding
 from bayesid.log.log import Log, check_exact_gains
-from bayesid.log.rows import RowReader
+from bayesid.log.rows import Row, RowReader
 from bayesid.log.sources import joint_names
+from bayesid.log.tuning import TUNING as LOG
 from bayesid.monitor.changes import CONTACT, Alarm
 from bayesid.monitor.replay import StreamFigures, agreement, contradicts, known_signs, replay, timed
 from bayesid.monitor.tracker import SignTracker
@@ -164,18 +165,20 @@ def _alarm_lines(result: StreamResult) -> list[str]:
 def _follow(options: argparse.Namespace) -> None:
     if str(options.log) != STANDARD_INPUT:
         raise InputError("is no stream", str(options.log), "give - instead of the log with --follow")
-    if options.rate is None:
-        raise InputError("needs the sampling rate", "--follow", "give --rate HZ")
     for name in ("plot", "explain"):
         if getattr(options, name):
             raise InputError("needs a whole recording", f"--{name}", "leave it out, and track the recording later")
     folder = None if options.out is None else check_new(options, options.out, STREAM_FILES, STREAM)
     identified = load(options.result)
-    _tracker(options, identified, options.rate)  # raises for bad options
+    _tracker(options, identified, TUNING.usual_rate if options.rate is None else options.rate)  # raises for bad options
     try:
         reader = _reader(options, identified)
-        tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
-        figures = _answer_rows(tracker, reader, None) if folder is None else _follow_into(folder, tracker, reader)
+        rows = _Rows(reader, options.rate is None)
+        rate = rows.rate if options.rate is None else options.rate
+        if options.rate is None and not options.quiet:
+            note(f"rate: {rate:g} Hz, by the median time step of the first {len(rows.first)} rows")
+        tracker = _tracker(options, identified, rate, reader.signed.tolist())
+        figures = _answer_rows(tracker, rows, None) if folder is None else _follow_into(folder, tracker, rows)
     except _NobodyReadsError:
         raise BrokenPipeError from None
     if not options.quiet:
@@ -206,19 +209,61 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     return reader
 
 
-def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> StreamFigures:
+class _Rows:
+    """Rows of a stream; the first ones are read and answered at once if they give the rate.
+
+    Attributes:
+        reader: source of the rows.
+        first: rows that are answered already, without signs.
+    """
+
+    def __init__(self, reader: RowReader, ahead: bool) -> None:
+        self.reader, self._source = reader, iter(reader)
+        self.first: list[Row | None] = []
+        self._times: list[float] = []
+        self.blank = ",".join(["nan"] * len(stream_names(reader.n_joints)))
+        for row in self._source if ahead else ():
+            self.first.append(row)
+            self._times += [] if row is None else [row.t]
+            _answer(self.blank)
+            if len(self._times) > TUNING.least_rows and self._times[-1] - self._times[0] >= TUNING.first_part:
+                break
+
+    @property
+    def rate(self) -> float:
+        """Rate of the first rows, Hz.
+
+        Raises:
+            InputError: their times do not increase, or are not in seconds.
+        """
+        steps = np.diff(self._times)
+        if not (steps > 0.0).any():
+            raise InputError("has no two rows with increasing times", _SOURCE, "give --rate HZ")
+        step = float(np.median(steps[steps > 0.0]))
+        if step >= LOG.slowest_step:
+            seen = f"time steps are {step:.6g} s: milliseconds?"
+            raise InputError(seen, _SOURCE, "give the unit of time in the header, as in t[ms], or --rate HZ")
+        return round(1.0 / step, 3)
+
+    def __iter__(self) -> Iterator[tuple[Row | None, bool]]:
+        """Each row, and whether it is answered already."""
+        yield from ((row, True) for row in self.first)
+        yield from ((row, False) for row in self._source)
+
+
+def _follow_into(folder: Path, tracker: SignTracker, rows: _Rows) -> StreamFigures:
     """Writes the rows to a temporary file, which is renamed at the end."""
     gathered = []
 
     def write(place: Path) -> None:
         with open_stream(place, tracker.n_joints) as file:
-            gathered.append(_answer_rows(tracker, reader, file))
+            gathered.append(_answer_rows(tracker, rows, file))
         result = StreamResult(
             log=_SOURCE,
             rate=tracker.rate,
             lag=tracker.lag,
             counts=tracker.counts,
-            bad=reader.bad,
+            bad=rows.reader.bad,
             figures=gathered[0],
             alarms=tracker.alarms,
             smoothing=None,
@@ -250,7 +295,7 @@ class _Announced:
 
 
 @one_blas_thread
-def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> StreamFigures:
+def _answer_rows(tracker: SignTracker, rows: _Rows, file: TextIO | None) -> StreamFigures:
     """Answers each row of a stream by a row on stdout, and prints alarms on stderr.
 
     The file gets the new rows.
@@ -258,8 +303,8 @@ def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -
     n = tracker.n_joints
     figures, unread_signs = StreamFigures.of_joints(n), np.zeros(n, dtype=bool)
     times: list[float] = []
-    line = ",".join(["nan"] * len(stream_names(n)))
-    for row in reader:
+    line, reader = rows.blank, rows.reader
+    for row, answered in rows:
         if row is not None:
             if len(times) <= TUNING.steps:
                 times.append(row.t)
@@ -273,7 +318,8 @@ def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -
                 line = stream_line(now)
             if now.known and file is not None:
                 file.write(f"{line}\n")
-        _answer(line)
+        if not answered:
+            _answer(line)
     if len(times) <= TUNING.steps:
         _check_rate(tracker.rate, times)
     if unread_signs.any() and reader.assumed:

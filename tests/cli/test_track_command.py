@@ -177,6 +177,26 @@ def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypa
     assert "rows processed" in err
 
 
+def test_the_first_second_gives_the_rate_of_a_stream(place, monkeypatch, capfd):
+    """Rows in ms by the header, one of them late; from 1 s on each answer is as with the rate stated."""
+    header, *rows = (place / "log.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    in_ms = [",".join([repr(1e3 * float(t)), *others]) for t, *others in [*cells[:20], cells[15], *cells[20:]]]
+    content = "\n".join([header.replace("t,", "t[ms],", 1), *in_ms]).encode()
+    found = {}
+    for name, options in (("stated", ("--rate", RATE)), ("found", ())):
+        on_input(monkeypatch, content)
+        assert run(*FOLLOW[:4], *options, "--lag", 0.1, "--out", name) == 0
+        out, err = capfd.readouterr()
+        assert ("rate: 50 Hz" in err) == (name == "found")
+        found[name] = stream_of(out), read(place / name)[0]
+    (answers, written), (expected, all_rows) = found["found"], found["stated"]
+    np.testing.assert_array_equal(written, all_rows)
+    assert len(answers) == len(rows) + 1
+    assert np.isnan(answers[:52]).all()
+    np.testing.assert_array_equal(answers[52:], expected[52:])
+
+
 def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     """Rows repeated, late, not a number, no rows at all, and a gap."""
     header, *rows = (place / "log.csv").read_text().splitlines()
@@ -321,7 +341,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(place, monkeypatch, capfd)
     before = sorted(os.listdir(place))
     cases = [(("track", "result", "log.csv", *options), "", says) for options, says in BAD]
     cases += [((*FOLLOW, *options), content, says) for options, content, says in BAD_STREAMS]
-    cases.append((("track", "result", "-", "--follow"), HEADER, ["--follow", "give --rate HZ"]))
+    cases.append((FOLLOW[:4], HEADER, ["increasing times", "give --rate HZ"]))
+    cases.append((FOLLOW[:4], HEADER + MS, ["time steps are 20 s", "t[ms]"]))
     for arguments, content, says in cases:
         on_input(monkeypatch, content if isinstance(content, bytes) else content.encode())
         assert run(*arguments, "--out", "out") == 2
