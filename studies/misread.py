@@ -1,9 +1,8 @@
-"""Misread logs, each beside a right one of the same robot: is what is wrong named, and nothing else.
+"""Does input diagnosis detect misread logs, and nothing in right ones? Simulated logs of built-in robots.
 
-Robots of data sheets with links, friction and noise drawn at random. A log is written rightly, and then as somebody
-might have read or written it: joints or efforts exchanged, counted the other way, a base upside down, without weight,
-with zeros or units that are off, or with efforts of something else than the motion. Signs are hidden in three logs of
-four. A misreading that a log cannot show, as of a joint that carries nothing, counts as any other.
+Links, friction and noise are random. Each right log is paired with a misread one: joints or efforts
+exchanged, directions reversed, base upside down, gravity compensated, wrong zeros or units, external torques. Signs are
+hidden in three of four logs. Misreadings that do not show in the log count like any other.
 """
 
 from __future__ import annotations
@@ -40,18 +39,18 @@ from bayesid.studies.sure import SURE
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure
 
-TARGETS = {"named": 0.90, "wrong": 0, "false": 0.01, "seconds": 1.0}
+TARGETS = {"named": 0.90, "wrong": 0, "false": 0.01}
 ROBOTS = "kr5", "ur10e", "panda", "tx60", "ur5e", "lrmate200id", "kr6r900_2", "vs060"
 RIGHT = "right"
 _NOISE = 0.05
 _RATE = 100.0
 _KNOWN = 4
-"""One log in so many keeps its signs."""
+"""One of so many logs keeps its signs."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """How a log is misread, of which robot, and whether its signs are known."""
+    """A misreading, a robot, and whether the signs are known."""
 
     how: str
     robot: str
@@ -61,7 +60,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Case:
-    """A log as it is read, with its signs, the robot as it is given, and the kind of misreading that is to be named."""
+    """The stated robot, the log as it is read, and the kind of misreading that is to be named."""
 
     robot: Robot
     log: Log
@@ -89,7 +88,7 @@ def _of_one(log: Log, joint: int, factor: float) -> Array:
     return np.where(np.arange(log.n_joints) == joint, factor, 1.0)
 
 
-def _turned(log: Log, rng: np.random.Generator) -> Log:
+def _reversed(log: Log, rng: np.random.Generator) -> Log:
     factor = _of_one(log, int(rng.integers(1, log.n_joints - 1)), -1.0)
     return _times(log, factor, factor)
 
@@ -99,7 +98,7 @@ def _shift(log: Log, joint: int, rng: np.random.Generator) -> Array:
 
 
 def _unrelated(log: Log, rng: np.random.Generator) -> Log:
-    """External torque: bumps at some instants, and noise."""
+    """External torques: six bumps and noise."""
     effort = rng.standard_normal(log.effort.shape)
     for _ in range(6):
         centre, width = rng.uniform(log.t[0], log.t[-1]), rng.uniform(0.1, 0.6)
@@ -111,8 +110,8 @@ _LOGS: dict[str, tuple[str, Callable[[Log, np.random.Generator], Log], bool]] = 
     "joints exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, "q", "effort"), True),
     "efforts exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, "effort"), True),
     "positions exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, "q"), True),
-    "joint turned": ("direction", _turned, True),
-    "position turned": (
+    "joint reversed": ("direction", _reversed, True),
+    "position reversed": (
         "direction",
         lambda log, rng: _times(log, _of_one(log, int(rng.integers(1, log.n_joints - 1)), -1.0), 1.0),
         True,
@@ -123,63 +122,63 @@ _LOGS: dict[str, tuple[str, Callable[[Log, np.random.Generator], Log], bool]] = 
         lambda log, rng: _times(log, 1.0, _of_one(log, int(rng.integers(log.n_joints)), -1.0)),
         False,
     ),
-    "zero off": (
+    "wrong zero": (
         "zeros",
         lambda log, rng: replace(log, q=log.q + _shift(log, int(rng.integers(1, log.n_joints - 1)), rng)),
         True,
     ),
-    "one in N mm": (
+    "one torque in N mm": (
         "units",
         lambda log, rng: _times(log, 1.0, _of_one(log, int(rng.integers(1, log.n_joints - 1)), 1e3)),
         True,
     ),
-    "one on the motor side": (
+    "one torque of the motor side": (
         "units",
         lambda log, rng: _times(
             log, 1.0, _of_one(log, int(rng.integers(1, log.n_joints - 1)), 1.0 / rng.uniform(50.0, 160.0))
         ),
         True,
     ),
-    "all in N mm": ("scale", lambda log, rng: _times(log, 1.0, 1e3), True),
+    "all torques in N mm": ("scale", lambda log, rng: _times(log, 1.0, 1e3), True),
     "external torques": ("motion", _unrelated, True),
 }
-"""How a right log becomes a misread one: what is to be named, the change, and whether it shows without signs."""
+"""Misreadings of a log: the kind to be named, the change, and whether it shows without signs."""
 _ROBOTS: dict[str, tuple[str, Callable[[Robot], Robot]]] = {
     "upside down": ("mounting", lambda robot: replace(robot, gravity=-robot.gravity)),
     "no weight": ("weight", lambda robot: replace(robot, gravity=np.zeros(3))),
 }
-"""How the robot of the log is another than the one given."""
+"""Differences of the true robot from the stated one: the kind to be named, and the change."""
 HOW = (*_LOGS, *_ROBOTS)
 
 
 def make_case(scenario: Scenario, seed: int) -> Case:
-    """Deterministic; the right log of a seed has the same links and motion as the misread ones."""
-    given, rng = load_robot(scenario.robot), np.random.default_rng(seed)
+    """The case of a seed; right and misread logs of a seed have the same links and motion."""
+    stated, rng = load_robot(scenario.robot), np.random.default_rng(seed)
     t = np.arange(int(_RATE * scenario.duration) + 1) / _RATE
-    motion: Motion = random_trajectory(given.n_joints, scenario.duration, rng=seed).motion(t)
-    terms = make_terms(STANDARD, given, motion)
-    theta = random_parameters(Model(given, terms), rng=rng)
-    kind, of = _ROBOTS.get(scenario.how, ("", lambda robot: robot))
-    log = simulate(Model(of(given), terms), theta, motion, rng=rng, noise=_NOISE, signed=True)
+    motion: Motion = random_trajectory(stated.n_joints, scenario.duration, rng=seed).motion(t)
+    terms = make_terms(STANDARD, stated, motion)
+    theta = random_parameters(Model(stated, terms), rng=rng)
+    kind, true_robot = _ROBOTS.get(scenario.how, ("", lambda robot: robot))
+    log = simulate(Model(true_robot(stated), terms), theta, motion, rng=rng, noise=_NOISE, signed=True)
     if scenario.how in _LOGS:
         kind, change, _ = _LOGS[scenario.how]
         log = change(log, rng)
-    return Case(given, log if scenario.known else log.rectified(), kind)
+    return Case(stated, log if scenario.known else log.rectified(), kind)
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
-    """Each misreading and then its right log, robots in turn."""
+    """Each misreading followed by its right log, robots in turn."""
     made: list[tuple[Scenario, int]] = []
     for k in range(-(-trials // 2)):
         how = HOW[k % len(HOW)]
         known = k % _KNOWN == 0 or (how in _LOGS and not _LOGS[how][2])
         robot = ROBOTS[(k + k // len(ROBOTS)) % len(ROBOTS)]
-        made += [(Scenario(one, robot, known), seed + k) for one in (how, RIGHT)]
+        made += [(Scenario(reading, robot, known), seed + k) for reading in (how, RIGHT)]
     return made[:trials]
 
 
 def before(case: Case) -> tuple[Misreading | None, float]:
-    """What is said before the search, and the seconds that it takes to say so."""
+    """The finding before the search, and the seconds that it takes."""
     signals = prepare(case.log)
     segments = find_segments(signals, case.robot.actuators(signals.motion))
     model = Model(case.robot, make_terms(STANDARD, case.robot, signals.motion))
@@ -190,7 +189,7 @@ def before(case: Case) -> tuple[Misreading | None, float]:
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """What is said of a case, before the search or after it, and which of its sure signs are wrong."""
+    """The finding before or after the search, and how many confident signs are wrong."""
     case = make_case(scenario, seed)
     found, seconds = before(case)
     stopped, sure, wrong = found is not None and found.sure, 0, 0
@@ -201,7 +200,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     return {
         "expected": case.kind,
         "found": "" if found is None else found.kind,
-        "said": "" if found is None else found.message,
+        "message": "" if found is None else found.message,
         "stopped": stopped,
         "sure": sure,
         "sure_wrong": wrong,
@@ -210,7 +209,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def _sure(result: Identification, log: Log) -> tuple[int, int]:
-    """Samples of hidden signs that are said to be sure, and those of them that are wrong, up to all of a joint."""
+    """Number of samples with hidden signs and high confidence, and of wrong ones among them."""
     effort = on_grid(result, log)
     sure = (np.maximum(result.probability, 1.0 - result.probability) >= SURE) & (effort != 0.0)
     sure &= ~result.signals.signed
@@ -218,7 +217,7 @@ def _sure(result: Identification, log: Log) -> tuple[int, int]:
 
 
 def figures(rows: Sequence[Row]) -> dict[str, float]:
-    """What the targets are of: "named" (of the misread), "wrong" (sure samples), "false" (of the right), "seconds"."""
+    """Shares "named" (misread logs) and "false" (right logs), count "wrong" (confident samples), "seconds"."""
     misread, right = ([row for row in rows if (row["how"] == RIGHT) == of] for of in (False, True))
     return {
         "named": float(np.mean([row["found"] == row["expected"] for row in misread] or [True])),
@@ -229,24 +228,24 @@ def figures(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def report(rows: Sequence[Row]) -> str:
-    """A line for each way, one for all, the targets, and what was said of each case that is missed."""
+    """One line per misreading and for all, the targets, and the finding of each failed case."""
     ways = {how: [row for row in rows if row["how"] == how] for how in dict.fromkeys(row["how"] for row in rows)}
-    lines = [f"{'':<24} logs  named first  before the search  sure, wrong  seconds before the search: median  most"]
+    lines = [f"{'':<29} logs  right finding  before the search  confident, wrong  seconds: median   max"]
     for name, chosen in {**ways, "all": rows}.items():
         f, took = figures(chosen), [row["timings"].get("before") or float("nan") for row in chosen]
         named = f"{np.mean([row['found'] == row['expected'] for row in chosen]):.0%}"
         stopped = f"{np.mean([row['stopped'] for row in chosen]):.0%}"
         wrong = sum(row["sure_wrong"] for row in chosen)
         lines.append(
-            f"{name:<24} {len(chosen):>4} {named:>12} {stopped:>18} {wrong:>12} {f['seconds']:>35.2f} {max(took):>5.2f}"
+            f"{name:<29} {len(chosen):>4} {named:>14} {stopped:>18} {wrong:>17} {f['seconds']:>16.2f} {max(took):>5.2f}"
         )
     t, f = TARGETS, figures(rows)
     lines += [
-        f"misread logs named first {f['named']:.1%} (target {t['named']:.0%}); their sure samples that are wrong "
-        f"{f['wrong']:.0f} ({t['wrong']:.0f})",
-        f"right logs of which something is named {f['false']:.1%} ({t['false']:.0%})",
+        f"misread logs with the right finding: {100 * f['named']:.1f} % (target {100 * t['named']:.0f} %); "
+        f"wrong samples of confidence >= {SURE:g} in misread logs: {f['wrong']:.0f} (target {t['wrong']:.0f})",
+        f"right logs with a finding: {100 * f['false']:.1f} % (target {100 * t['false']:.0f} %)",
         *(
-            f"trial {row['trial']}, seed {row['seed']}, {row['how']}, {row['robot']}: {row['said'] or 'nothing named'}"
+            f"trial {row['trial']}, seed {row['seed']}, {row['how']}, {row['robot']}: {row['message'] or 'no finding'}"
             for row in rows
             if row["found"] != row["expected"]
         ),
@@ -255,22 +254,21 @@ def report(rows: Sequence[Row]) -> str:
 
 
 def _short(rows: Sequence[Row]) -> list[str]:
-    f, said = figures(rows), []
-    for name, most in (("wrong", TARGETS["wrong"]), ("false", TARGETS["false"])):
-        said += [f"{name}: {f[name]:.3g}, at most {most:g}"] if f[name] > most else []
-    return said + (
-        [f"named: {f['named']:.0%}, at least {TARGETS['named']:.0%}"] if f["named"] < TARGETS["named"] else []
-    )
+    f, t = figures(rows), TARGETS
+    texts = [f"{name}: {f[name]:.3g}, allowed {t[name]:g}" for name in ("wrong", "false") if f[name] > t[name]]
+    if f["named"] < t["named"]:
+        texts.append(f"named: {100 * f['named']:.0f} %, required {100 * t['named']:.0f} %")
+    return texts
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Share of each way's logs that is named first."""
+    """Share of logs with the right finding, by misreading."""
     axes = figure.subplots()
     ways = list(dict.fromkeys(row["how"] for row in rows))
     shares = [np.mean([row["found"] == row["expected"] for row in rows if row["how"] == how]) for how in ways]
     axes.barh(ways, shares)
     axes.axvline(TARGETS["named"], color="black", linewidth=1)
-    axes.set_xlabel("share named first (of right logs: nothing named)")
+    axes.set_xlabel("share with the right finding (right logs: none)")
 
 
 STUDY = Study("misread", 400, plan, trial, report, draw, short=_short)

@@ -1,18 +1,18 @@
-"""Does the motion that is designed for a result settle what the result leaves open, as predicted? Simulated logs.
+"""Does a designed motion determine what a result leaves open, as predicted? Simulated logs.
 
-Coefficients: robots with random parameters and the standard friction, and a sensor whose noise is 5 % of the RMS effort
-of a random motion, whatever the motion is. In the first log of 10 s one inner joint hardly moves. A motion is designed
-for what that leaves open, within limits of positions, velocities, accelerations, jerks and efforts; the robot runs it,
-a random motion, and the first one again, and is identified from the first log with each of the three. Printed: what is
-open before and after, the standard deviations that come out over those that were predicted, the errors over both, and
-whether the true robot keeps its limits on the motion.
+Coefficients: robots with random parameters and the standard friction; sensor noise of 5 % of the RMS effort of a random
+motion. In the first log of 10 s one inner joint hardly moves. A motion is designed for the open coefficients, within
+limits of positions, velocities, accelerations, jerks and efforts. The robot runs it, a random motion, and the first one
+again, and is identified from the first log together with each of the three. The report gives open coefficients before
+and after, standard deviations over predicted ones, errors over standard deviations, and whether the true robot keeps
+its limits.
 
-Hypotheses: an effect is hidden in a joint that hardly moves in a short log, so that others explain the log as well
-(`bayesid.find_discrepancy`). A motion is designed to tell them apart; the robot runs it, or a random one, and the two
-logs together are explained again. An effect is told apart if it is named, nothing is equivalent any more, and its Bayes
-factor against each that was is decisive.
+Hypotheses: an effect is hidden in a joint that hardly moves in a short log, so that other effects explain the log as
+well (`bayesid.find_discrepancy`). A motion is designed to discriminate between them. The robot runs it, or a random
+one, and both logs together are explained again. The effect is discriminated if it is named, has no equivalents, and has
+a decisive Bayes factor against each of its former equivalents.
 
-A design here tries about half as many changes as by default (`TUNING.changes`, `TUNING.telling_changes`).
+A design tries about half the default number of changes (`TUNING.changes`, `TUNING.telling_changes`).
 """
 
 from __future__ import annotations
@@ -46,42 +46,40 @@ from bayesid.simulation.parameters import random_parameters, rms
 from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 from bayesid.studies.figures import COLOURS, Figure
 from bayesid.studies.record import Row
-from bayesid.studies.simulated import STRONG, make_robot
+from bayesid.studies.simulated import BUDGET, STRONG, make_robot
 from bayesid.studies.study import Study, in_turn, mixed
 
 CHANGES, TELLING_CHANGES = 1500, 500
-"""About half the defaults: a study makes many designs."""
+"""About half the defaults: shorter designs against slightly better ones. Chosen; not measured."""
 _RATE, _DURATION = 100.0, 10.0
 """Hz, and s of each log of a coefficients' trial."""
 _SENSOR, _FINER = 0.05, 0.03
-"""Noise over the RMS effort of a random motion: where coefficients are asked for, and where effects are."""
+"""Noise over the RMS effort of a random motion: in trials of coefficients, and of hypotheses."""
 _USUAL = MotionLimits(jerk=150.0)
-"""rad/s^3: of that order are those of small arms; what five harmonics in 10 s do is below it."""
+"""rad/s^3, typical of small arms; above what five harmonics in 10 s need."""
 _STRONGER = 1.5
 """Effort limits over the largest |effort| of a random motion."""
 _STILL = (0.05, 0.2)
 """rad to either side and rad/s of the joint that hardly moves in the first log."""
 _NEAR = (0.8, 1.25)
-"""An achieved standard deviation over the predicted one, if the prediction is right; asymmetric as ratios are."""
+"""Ratio of achieved to predicted standard deviations that counts as predicted. Chosen; not measured."""
 _FINE = 1e-3
-"""s between instants at which limits are looked at: a fiftieth of what the search looks at."""
+"""s between checks of the limits: a fiftieth of the step of the design."""
 _TOUCH = 1e-5
-"""Relative: rounding of a third difference over (1 ms)^3, beside limits that are touched."""
+"""Relative tolerance at the limits: rounding of a third difference over (1 ms)^3."""
 _ANOTHER = 4_000_000
-"""Added to the seed for the random motion that the designed one is held against."""
+"""Added to the seed for the random motion that the designed one is compared with."""
 _LEARNED, _SHORT = 12.0, 5.0
 """s of the healthy log, and of the two logs with an effect."""
 _LITTLE = (0.25, 0.5)
-"""rad to either side and rad/s of the joint with an effect, in the first of them."""
+"""rad to either side and rad/s of the joint with an effect, in the first of these."""
 _TRIES = 4
-"""Joints, sizes and motions of the short log until one leaves the hidden effect among others."""
-_BUDGET = 3.0
-"""Nominal seconds of a search's proof, as in `bayesid.studies.simulated`."""
+"""Joints, sizes and motions of the short log that are tried until one is ambiguous."""
 _JOINTS = 7
 """Of a random arm."""
 
 EFFECTS = ("joint_spring", "load_dependent_friction", "gravity_spring", "viscous_friction", "torque_offset")
-"""That short, poor logs leave among others."""
+"""Effects that are often ambiguous in short, poor logs."""
 _SIZES = (0.03, 0.12)
 """RMS of an effect over that of its joint's effort: one to four times the noise."""
 COEFFICIENTS, HYPOTHESES = "coefficients", "hypotheses"
@@ -91,14 +89,14 @@ ARM = "arm"
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is left open.
+    """What a trial leaves open.
 
     Attributes:
         part: "coefficients" or "hypotheses".
         robot: built-in name, or "arm" for a random one.
-        effect: that is hidden; empty for none.
-        limited: whether there are limits of efforts.
-        changes: that a design tries.
+        effect: hidden effect; empty for none.
+        limited: whether efforts are limited.
+        changes: number of changes that a design tries.
     """
 
     part: str
@@ -123,13 +121,13 @@ SCENARIOS = mixed(
 
 @dataclass(frozen=True)
 class _Truth:
-    """A robot as it is.
+    """The true robot.
 
     Attributes:
         model: robot and terms.
         theta: (P,) its parameters.
-        sensor: (n,) N m, noise of its efforts.
-        limits: of its joints, with one number each.
+        sensor: (n,) N m, sd of the noise of its efforts.
+        limits: of its joints.
     """
 
     model: Model
@@ -138,12 +136,12 @@ class _Truth:
     limits: MotionLimits
 
     def log(self, motion: Motion, seed: int) -> Log:
-        """What is recorded of a motion."""
+        """The recorded log of a motion."""
         return simulate(self.model, self.theta, motion, rng=np.random.default_rng(seed), sensor=self.sensor)
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """One robot, one design, and what comes of it; both parts have the same columns."""
+    """One robot and one design; both parts have the same columns."""
     row = _of_coefficients(scenario, seed) if scenario.part == COEFFICIENTS else _of_hypotheses(scenario, seed)
     return {**dict.fromkeys(_COLUMNS), **row}
 
@@ -162,7 +160,7 @@ def _truth(robot: Robot, seed: int, noise: float, *, limited: bool = True) -> _T
 
 
 def random_arm(seed: int) -> Robot:
-    """Seven joints, each across the one before, links of 0.2 to 0.45 m along the axis or across it in turn."""
+    """Seven joints, each perpendicular to the one before; links of 0.2 to 0.45 m along or across the axis."""
     rng = np.random.default_rng([seed, 9])
     rows = []
     for j in range(_JOINTS):
@@ -175,7 +173,7 @@ def random_arm(seed: int) -> Robot:
 
 
 def _random(n: int, duration: float, seed: int, still: int | None = None, most: tuple[float, float] = _STILL) -> Motion:
-    """A random motion; one joint may hardly move, no farther and no faster than is said."""
+    """A random motion; the joint `still` moves at most `most` (rad to either side, rad/s)."""
     lower, upper, velocity = np.full(n, _USUAL.lower), np.full(n, _USUAL.upper), np.full(n, _USUAL.velocity)
     if still is not None:
         lower[still], upper[still], velocity[still] = -most[0], most[0], most[1]
@@ -224,7 +222,7 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
 
 
 def _allowed(design: NextExperiment, motion: Motion) -> bool | None:
-    """Whether the result knows that a motion keeps the limits of efforts; None without any."""
+    """Whether a motion certainly keeps the limits of efforts, by the result; None without limits."""
     if not design.feasibility.limits_effort:
         return None
     return bool((largest_efforts(*design.feasibility.effort_band(motion)) <= design.feasibility.effort).all())
@@ -236,7 +234,7 @@ def _identified(truth: _Truth, log: Log, seed: int) -> Identification:
         log,
         truth.model.terms,
         complete="only-uncertainty",
-        search=Certified(budget=_BUDGET),
+        search=Certified(budget=BUDGET),
         posterior=Sampling(rng=seed),
     )
 
@@ -246,15 +244,15 @@ def _open(result: Identification) -> int:
 
 
 def _error(truth: _Truth, result: Identification) -> float:
-    """Of the coefficients over their standard deviations, RMS."""
+    """RMS over the coefficients of errors over standard deviations."""
     error = (result.beta - result.coefficients.project(truth.theta)) / result.sd
     return float(np.sqrt(np.mean(error**2)))
 
 
 def _right(result: Identification, t: Array, effort: Array) -> float:
-    """Share of strong samples whose sign is right; the true efforts are (N, n), at instants t (N,) of the result's log.
+    """Share of strong samples whose sign is right, from true efforts (N, n) at times t (N,).
 
-    The result has samples in the pause between two logs too.
+    The result also has samples in the pause between two logs.
     """
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
     rows = np.searchsorted(result.signals.motion.t, t - 0.5 / _RATE)
@@ -262,7 +260,7 @@ def _right(result: Identification, t: Array, effort: Array) -> float:
 
 
 def _ratios(design: NextExperiment, result: Identification) -> Row:
-    """Achieved standard deviations over predicted ones, matched by names: how many are near."""
+    """Counts of achieved standard deviations near and above the predicted ones, matched by name."""
     assert result.posterior is not None
     predicted = design.predicted
     places = [predicted.names.index(name) for name in result.coefficients.names]
@@ -280,9 +278,9 @@ def _ratios(design: NextExperiment, result: Identification) -> Row:
 
 
 def kept_limits(truth: _Truth, design: NextExperiment) -> Row:
-    """Whether the true robot keeps its limits at every ms of the motion, and how near it comes to each.
+    """Whether the true robot keeps its limits at every ms of the motion, and its largest share of an effort limit.
 
-    Derivatives are differences of the positions: means of the true ones, so no larger.
+    Derivatives are differences of positions: means of the true derivatives, so not larger.
     """
     count = round(design.trajectory.duration / _FINE) + 1
     motion = design.trajectory.motion(np.linspace(0.0, design.trajectory.duration, count))
@@ -294,11 +292,11 @@ def kept_limits(truth: _Truth, design: NextExperiment) -> Row:
     for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
         shares.append(np.abs(np.diff(motion.q, order, axis=0)) / _FINE**order / np.asarray(limit))
     largest = [float(share.max()) for share in shares]
-    held: Row = {"motion_held": max(largest) <= 1.0 + _TOUCH}
+    kept: Row = {"motion_held": max(largest) <= 1.0 + _TOUCH}
     if limits.effort is None:
-        return held
+        return kept
     effort = float((np.abs(truth.model.effort(motion, truth.theta)) / np.asarray(limits.effort)).max())
-    return {**held, "effort_held": effort <= 1.0, "effort_share": effort}
+    return {**kept, "effort_held": effort <= 1.0, "effort_share": effort}
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -307,7 +305,7 @@ def kept_limits(truth: _Truth, design: NextExperiment) -> Row:
 def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     healthy = _truth(_robot(scenario.robot, seed), seed, _FINER, limited=scenario.limited)
     learned = _random(healthy.model.robot.n_joints, _LEARNED, seed)
-    search = Certified(budget=_BUDGET)
+    search = Certified(budget=BUDGET)
     known = identify(
         healthy.model.robot, healthy.log(learned, seed), STANDARD, complete="off", search=search, posterior=False
     )
@@ -327,9 +325,9 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     after: Row = {}
     for name, motion in {"designed": design.motion, "random": random}.items():
         again = _found(known, join_logs([log, truth.log(motion, seed + _ANOTHER)]))
-        after |= {f"{what}_{name}": value for what, value in _told(again, key, competing).items()}
+        after |= {f"{what}_{name}": value for what, value in _discriminated(again, key, competing).items()}
     factors = design.predicted.log10_bayes_factors
-    expected = [factors[_name(key), _name((one, key[1]))] for one in competing]
+    expected = [factors[_name(key), _name((effect, key[1]))] for effect in competing]
     return {
         "joint": key[1][0],
         "ambiguous": True,
@@ -342,7 +340,7 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
 
 
 def _with_effect(healthy: _Truth, motion: Motion, effect: str, seed: int, attempt: int) -> tuple[_Truth, EffectKey]:
-    """The robot with an effect in some joint, of some size on a motion."""
+    """The robot with an effect in a random joint, of a random size on a motion."""
     rng = np.random.default_rng([seed, 2, attempt])
     joint = int(rng.integers(1, healthy.model.robot.n_joints + 1))
     level = float(np.exp(rng.uniform(*np.log(_SIZES))))
@@ -356,7 +354,7 @@ def _found(known: Identification, log: Log) -> Discrepancy:
 
 
 def _rivals(found: Discrepancy, key: EffectKey) -> tuple[str, ...]:
-    """What the log cannot tell from the hidden effect; nothing where that is not among what is named."""
+    """Effects that the log cannot distinguish from the hidden one; none if that is not among the named ones."""
     effect, joints = key
     for added in found.added:
         named = {added.effect, *added.equivalent}
@@ -365,26 +363,26 @@ def _rivals(found: Discrepancy, key: EffectKey) -> tuple[str, ...]:
     return ()
 
 
-def _told(found: Discrepancy, key: EffectKey, competing: Sequence[str]) -> Row:
-    """Whether the hidden effect is named, is told from its rivals, and by which log10 Bayes factor at least."""
+def _discriminated(found: Discrepancy, key: EffectKey, competing: Sequence[str]) -> Row:
+    """Whether the hidden effect is named and discriminated, and its log10 Bayes factor."""
     named = next((added for added in found.added if added.hypothesis.key == key), None)
     weighed = named or next(
         (added for added in found.added if added.effect in competing and added.joints == key[1]), None
     )
     factor = None if weighed is None else _factor(weighed, key, competing)
-    told = (
+    discriminated = (
         named is not None
         and not set(named.equivalent) & set(competing)
         and factor is not None
         and factor >= TUNING.telling
     )
-    return {"named": named is not None, "factor": factor, "told": told}
+    return {"named": named is not None, "factor": factor, "discriminated": discriminated}
 
 
 def _factor(weighed: AddedEffect, key: EffectKey, competing: Sequence[str]) -> float | None:
-    """Log10 Bayes factor of an effect against the likeliest of its rivals; those that are not weighed lie far off."""
+    """Log10 Bayes factor of an effect against its likeliest competitor; those without a score are far less likely."""
     gains = {score.key: score.gain for score in weighed.competing}
-    others = [gains[one, key[1]] for one in competing if (one, key[1]) in gains]
+    others = [gains[effect, key[1]] for effect in competing if (effect, key[1]) in gains]
     if key not in gains or not others:
         return None
     return float((gains[key] - max(others)) / LN10)
@@ -395,7 +393,7 @@ _COLUMNS = (
     *(f"{what}_{name}" for name in ("designed", "random", "repeat") for what in ("open", "error", "right")),
     *("noise_near", "noise_above", "noise_median", "total_between", "total_above", "total_near"),
     *("joint", "ambiguous", "rivals"),
-    *(f"{what}_{name}" for name in ("designed", "random") for what in ("named", "factor", "told")),
+    *(f"{what}_{name}" for name in ("designed", "random") for what in ("named", "factor", "discriminated")),
     *("expected", "motion_held", "effort_held", "effort_share", "random_allowed"),
 )
 
@@ -404,18 +402,18 @@ _COLUMNS = (
 # Summary
 # ---------------------------------------------------------------------------------------------------------------
 def _name(key: EffectKey) -> str:
-    """A hypothesis as predictions have it."""
+    """The name of a hypothesis in predictions."""
     effect, joints = key
     return ":".join([effect, *map(str, joints)])
 
 
 def report(rows: Sequence[Row]) -> str:
-    """A table of coefficients by robot, one of hypotheses by effect, and limits and seconds of all designs."""
+    """Tables of coefficients by robot and of hypotheses by effect; limits and seconds of all designs."""
     lines = []
-    for limited, said in ((True, "with limits of efforts"), (False, "without limits of efforts")):
+    for limited, text in ((True, "with limits of efforts"), (False, "without limits of efforts")):
         some = [row for row in rows if row["part"] == COEFFICIENTS and row["limited"] == limited]
         if some:
-            lines += [f"open coefficients, {said}", *_table_of_coefficients(some), ""]
+            lines += [f"open coefficients, {text}", *_table_of_coefficients(some), ""]
     if any(row["part"] == HYPOTHESES for row in rows):
         lines += [*_table_of_hypotheses(rows), ""]
     designs = [row for row in rows if row["motion_held"] is not None]
@@ -424,14 +422,14 @@ def report(rows: Sequence[Row]) -> str:
         seconds = [row["timings"]["design"] for row in designs]
         most = max([row["effort_share"] for row in of_efforts], default=0.0)
         lines.append(
-            f"limits held by the true robot at every ms: positions to jerks in {_count(designs, 'motion_held')}, "
-            f"efforts in {_count(of_efforts, 'effort_held')} (at most {most:.0%} of a limit)"
+            f"limits kept by the true robot at every ms: positions to jerks in {_count(designs, 'motion_held')}, "
+            f"efforts in {_count(of_efforts, 'effort_held')} (at most {100 * most:.0f} % of a limit)"
         )
         known = [row for row in of_efforts if row["random_allowed"] is not None]
         lines.append(
-            f"random motions whose efforts are known beforehand to be allowed: {_count(known, 'random_allowed')}"
+            f"random motions that certainly keep limits of efforts, by the result: {_count(known, 'random_allowed')}"
         )
-        lines.append(f"seconds of a design: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
+        lines.append(f"seconds per design: median {np.median(seconds):.0f}, maximum {max(seconds):.0f}")
     return "\n".join(lines)
 
 
@@ -442,16 +440,16 @@ def _count(rows: Sequence[Row], name: str) -> str:
 def _table_of_coefficients(rows: Sequence[Row]) -> list[str]:
     lines = [
         "robot   logs   now  predicted  designed  random  repeat",
-        "robot   sd as predicted: noise (larger)  total, with doubt (larger)  total  error: designed  random  repeat  "
+        "robot   sd as predicted: noise (larger)  with model error (larger)  total  error: designed  random  repeat  "
         "signs: designed   random   repeat",
     ]
     groups = [(robot, [row for row in rows if robot in (row["robot"], "all")]) for robot in (*ROBOTS, "all")]
     groups = [(robot, some) for robot, some in groups if some]
-    opened = []
+    of_open = []
     for robot, some in groups:
-        left = [_sum(some, f"open_{name}") / len(some) for name in ("now", "predicted", *_MOTIONS)]
-        opened.append(
-            f"{robot:<8}{len(some):4d}{left[0]:6.1f}{left[1]:11.1f}{left[2]:10.1f}{left[3]:8.1f}{left[4]:8.1f}"
+        still = [_sum(some, f"open_{name}") / len(some) for name in ("now", "predicted", *_MOTIONS)]
+        of_open.append(
+            f"{robot:<8}{len(some):4d}{still[0]:6.1f}{still[1]:11.1f}{still[2]:10.1f}{still[3]:8.1f}{still[4]:8.1f}"
         )
     for robot, some in groups:
         names = ("noise_near", "noise_above", "total_between", "total_above", "total_near")
@@ -459,10 +457,10 @@ def _table_of_coefficients(rows: Sequence[Row]) -> list[str]:
         error = [np.sqrt(np.mean([row[f"error_{name}"] ** 2 for row in some])) for name in _MOTIONS]
         right = [_sum(some, f"right_{name}") / len(some) for name in _MOTIONS]
         lines.append(
-            f"{robot:<8}{near[0]:23.1%}{near[1]:9.1%}{near[2]:19.1%}{near[3]:9.1%}{near[4]:7.1%}{error[0]:17.2f}{error[1]:8.2f}{error[2]:8.2f}"
+            f"{robot:<8}{near[0]:23.1%}{near[1]:9.1%}{near[2]:18.1%}{near[3]:9.1%}{near[4]:7.1%}{error[0]:17.2f}{error[1]:8.2f}{error[2]:8.2f}"
             f"{right[0]:17.2%}{right[1]:9.2%}{right[2]:9.2%}"
         )
-    return [lines[0], *opened, *lines[1:]]
+    return [lines[0], *of_open, *lines[1:]]
 
 
 _MOTIONS = ("designed", "random", "repeat")
@@ -470,8 +468,8 @@ _MOTIONS = ("designed", "random", "repeat")
 
 def _table_of_hypotheses(rows: Sequence[Row]) -> list[str]:
     lines = [
-        "effects that a poor log leaves among others",
-        "hidden                    logs  ambiguous  told: designed  random  named: designed  random  "
+        "effects that are ambiguous in a poor log",
+        "hidden                    logs  ambiguous  discriminated: designed  random  named: designed  random  "
         "log10 Bayes factor: expected  designed  random",
     ]
     for effect in (*EFFECTS, "all"):
@@ -479,13 +477,14 @@ def _table_of_hypotheses(rows: Sequence[Row]) -> list[str]:
         some = [row for row in every if row["ambiguous"]]
         if not every:
             continue
-        told, named = (
-            [f"{_sum(some, f'{what}_{name}'):.0f}" for name in ("designed", "random")] for what in ("told", "named")
+        discriminated, named = (
+            [f"{_sum(some, f'{what}_{name}'):.0f}" for name in ("designed", "random")]
+            for what in ("discriminated", "named")
         )
         factors = [_middle(some, name) for name in ("expected", "factor_designed", "factor_random")]
         lines.append(
-            f"{effect:<26}{len(every):4d}{len(some):11d}{told[0]:>16}{told[1]:>8}{named[0]:>17}{named[1]:>8}"
-            f"{factors[0]:>30}{factors[1]:>10}{factors[2]:>8}"
+            f"{effect:<26}{len(every):4d}{len(some):11d}{discriminated[0]:>25}{discriminated[1]:>8}"
+            f"{named[0]:>17}{named[1]:>8}{factors[0]:>30}{factors[1]:>10}{factors[2]:>8}"
         )
     return lines
 
@@ -500,7 +499,7 @@ def _middle(rows: Sequence[Row], name: str) -> str:
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Open coefficients after a designed motion against a random one; Bayes factors against the expected ones."""
+    """Open coefficients after a designed motion over those after a random one; Bayes factors over expected ones."""
     axes = figure.subplots(1, 2)
     coefficients = [row for row in rows if row["part"] == COEFFICIENTS]
     for place, robot in enumerate(ROBOTS):
@@ -518,9 +517,9 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     axes[0].set_xlabel("open coefficients after a random motion")
     axes[0].set_ylabel("after the designed one")
     axes[0].legend(fontsize=8)
-    told = [row for row in rows if row["part"] == HYPOTHESES and row["ambiguous"]]
+    ambiguous = [row for row in rows if row["part"] == HYPOTHESES and row["ambiguous"]]
     for place, name in enumerate(("designed", "random")):
-        some = [row for row in told if row[f"factor_{name}"] is not None]
+        some = [row for row in ambiguous if row[f"factor_{name}"] is not None]
         axes[1].plot(
             [row["expected"] for row in some],
             [row[f"factor_{name}"] for row in some],

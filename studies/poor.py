@@ -1,9 +1,8 @@
-"""Signs and named effects of robots whose rigid model is poor, beside their targets.
+"""Are signs and named effects right where the rigid-body model is poor? Simulated logs of two arms.
 
-Blind cases of `bayesid.studies.poor_arms`: a tilted base, a torque of a joint's own position, drives that
-over-compensate friction, a dead band of a sensor. Each comes alone and in pairs, on an arm with torque sensors and on
-one with currents. Nothing is sampled (`posterior=False`). Signs count in motion, where |effort| is at least 5 % of its
-joint's maximum; sure signs count wherever an effort was read.
+Logs of `bayesid.studies.poor_arms` with a tilted base, a position-dependent torque, over-compensated friction or a dead
+zone, alone and in pairs, on an arm with torque sensors and on one with motor currents. No posterior is sampled. Signs
+count in motion, where |effort| is at least 5 % of its joint's maximum; confident signs count at all non-zero readings.
 """
 
 from __future__ import annotations
@@ -33,16 +32,16 @@ if TYPE_CHECKING:
     from bayesid.studies.figures import Figure
 
 ENOUGH = 0.99
-"""Share of a case's signs that is to be right."""
+"""Required share of right signs in a log."""
 TARGETS = {"right": 0.90, "named": 0.85, "clean": 0.95, "wrong": MOST_WRONG, "seconds": 90.0}
 _SINGLE = "{} alone"
 _EACH = 5
-"""Cases of a scenario in a whole study."""
+"""Logs per scenario in a whole study."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is hidden in which arm; see bayesid.studies.poor_arms.
+    """Hidden effects and an arm; see bayesid.studies.poor_arms.
 
     Attributes:
         effects: names in bayesid's catalogue.
@@ -57,7 +56,7 @@ def arms() -> ModuleType:
     """The generator, `bayesid.studies.poor_arms`.
 
     Raises:
-        InputError: MuJoCo, which plays the robots, is not installed.
+        InputError: MuJoCo is not installed.
     """
     generator("poor")
     from bayesid.studies import poor_arms
@@ -66,14 +65,14 @@ def arms() -> ModuleType:
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
-    """Each effect alone and then each pair, on both arms, in turn."""
+    """Each effect alone, then each pair, on both arms in turn."""
     made = arms()
     kinds = [*((effect,) for effect in made.EFFECTS), *combinations(made.EFFECTS, 2)]
     return in_turn([Scenario(effects, arm) for effects in kinds for arm in made.ARMS])(trials, seed)
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """Identifies a case without its signs, and only then looks at the truth."""
+    """Identifies a log without its signs, and scores the result."""
     case = arms().make_case(scenario.arm, scenario.effects, seed)
     log = Log(case.t, case.q, case.effort, np.ones(case.q.shape[1], dtype=bool), source="simulated log")
     began = time.perf_counter()
@@ -88,7 +87,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def scores(result: Identification, log: Log, hidden: Sequence[str]) -> Row:
-    """Signs that are right, in all and by joint, sure ones that are wrong, and what was named.
+    """Right signs, in all and by joint, wrong confident ones, and named effects.
 
     Args:
         result: of the log without its signs.
@@ -104,7 +103,7 @@ def scores(result: Identification, log: Log, hidden: Sequence[str]) -> Row:
     named = [_listed(effect.effect, effect.joints) for effect in entered]
     return {
         "right": float(right[counted].mean()),
-        "joints_right": [float(right[own, j].mean()) if own.any() else 1.0 for j, own in enumerate(counted.T)],
+        "joints_right": [float(right[some, j].mean()) if some.any() else 1.0 for j, some in enumerate(counted.T)],
         "sure": int(sure.sum()),
         "sure_wrong": int((sure & ~right).sum()),
         "hidden": list(hidden),
@@ -123,7 +122,7 @@ def _listed(effect: str, joints: Sequence[int]) -> str:
 # Summary
 # ---------------------------------------------------------------------------------------------------------------
 def report(rows: Sequence[Row]) -> str:
-    """A line for each kind and each arm, one for all, the targets, and what each failing case lacks."""
+    """One line per kind, per arm and for all; the targets; and the figures that miss them, log by log."""
     groups = {
         **{kind: [row for row in rows if _kind(row) == kind] for kind in dict.fromkeys(map(_kind, rows))},
         **{arm: [row for row in rows if row["arm"] == arm] for arm in dict.fromkeys(row["arm"] for row in rows)},
@@ -131,16 +130,16 @@ def report(rows: Sequence[Row]) -> str:
     }
     t = TARGETS
     lines = [
-        f"{'':<44} cases  signs >= {ENOUGH:.0%}  hidden named  (by name)  nothing else  "
-        "sure, wrong          seconds: median  most",
+        f"{'':<44}  logs  signs >= {ENOUGH:.0%}  hidden named  (by name)  no false one  "
+        "confident, wrong     seconds: median   max",
         *(_line(name, chosen) for name, chosen in groups.items()),
         f"{'target':<44} {'':>5} {t['right']:>13.0%} {t['named']:>13.0%} {'':>10} {t['clean']:>13.0%}"
         f"  {t['wrong']:<19.1%} {'':>16} {t['seconds']:>5.0f}",
         "",
-        "cases that miss one of these",
+        "logs that miss a target",
         *(
-            f"trial {row['trial']}, seed {row['seed']}, {_kind(row)}, {row['arm']}: {said}"
-            for row, said in _missed(rows)
+            f"trial {row['trial']}, seed {row['seed']}, {_kind(row)}, {row['arm']}: {text}"
+            for row, text in _missed(rows)
         ),
     ]
     return "\n".join(lines)
@@ -151,10 +150,10 @@ def _kind(row: Row) -> str:
 
 
 def figures(rows: Sequence[Row]) -> dict[str, float]:
-    """What the targets are of: "right", "named" (of the hidden effects), "clean", "wrong", "seconds" (most).
+    """Shares "right", "named" (hidden effects), "clean" (no false effect) and "wrong"; "seconds" (maximum).
 
-    What the log cannot tell from a hidden effect in the same joints (`EnteredEffect.equivalent`) stands for it: "named"
-    and "clean" count it. "by_name" does not.
+    "named" and "clean" accept an effect that the log cannot distinguish from the hidden one in the same joints
+    (`equivalent`); "by_name" does not.
     """
     hidden, sure = (sum(x) for x in zip(*((len(row["hidden"]), row["sure"]) for row in rows), strict=True))
     named, alike = (sum(len(of(row)) for row in rows) for of in (_named, _alike))
@@ -173,12 +172,12 @@ def _named(row: Row) -> set[str]:
 
 
 def _alike(row: Row) -> set[str]:
-    """Hidden effects that something named in their joints is said to look like."""
+    """Hidden effects that are equivalent to an effect named in their joints."""
     return (set(row["hidden"]) - _named(row)) & set(row["equivalent"] or ())
 
 
 def _false(row: Row) -> int:
-    """How many of the named effects are not there; each that looks like a hidden one stands for one of these."""
+    """Number of named effects that are neither hidden nor equivalent to a hidden one."""
     return max(len(set(row["named"]) - set(row["hidden"])) - len(_alike(row)), 0)
 
 
@@ -196,36 +195,37 @@ def _line(name: str, rows: Sequence[Row]) -> str:
 
 
 def _missed(rows: Sequence[Row]) -> list[tuple[Row, str]]:
-    """Rows with something that failed, and what."""
-    told = []
+    """Rows that miss a target, and the reason."""
+    missed = []
     for row in rows:
         hidden, named = set(row["hidden"]), set(row["named"])
         alike = _alike(row)
         joints = [(j, share) for j, share in enumerate(row["joints_right"], start=1) if share < ENOUGH]
-        worst = ", ".join(f"joint {j} {share:.1%} (residual {row['residual'][j - 1]:.0%})" for j, share in joints)
+        residual = [f"(residual {100 * share:.0f} %)" for share in row["residual"]]
+        worst = ", ".join(f"joint {j} {100 * share:.1f} % {residual[j - 1]}" for j, share in joints)
         parts = {
-            f"signs {row['right']:.1%}: {worst}": row["right"] < ENOUGH,
+            f"signs {100 * row['right']:.1f} %: {worst}": row["right"] < ENOUGH,
             f"not named: {', '.join(sorted(hidden - named - alike))}": bool(hidden - named - alike),
-            f"by another name: {', '.join(sorted(alike))}": bool(alike),
-            f"named instead or besides: {', '.join(sorted(named - hidden))}": bool(named - hidden),
-            f"{row['sure_wrong']} of {row['sure']} sure signs wrong": row["sure_wrong"] > MOST_WRONG * row["sure"],
+            f"named by an equivalent: {', '.join(sorted(alike))}": bool(alike),
+            f"other effects named: {', '.join(sorted(named - hidden))}": bool(named - hidden),
+            f"{row['sure_wrong']} of {row['sure']} confident signs wrong": row["sure_wrong"] > MOST_WRONG * row["sure"],
             f"{_seconds([row])[0]:.0f} s": _seconds([row])[0] > TARGETS["seconds"],
         }
-        if said := "; ".join(text for text, failed in parts.items() if failed):
-            told.append((row, said))
-    return told
+        if reason := "; ".join(text for text, failed in parts.items() if failed):
+            missed.append((row, reason))
+    return missed
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """The share of right signs, case by case, and the share that is to be reached."""
+    """Share of right signs, one point per log, and the required share."""
     from bayesid.studies.figures import COLOURS
 
     kinds: dict[str, Any] = {kind: place for place, kind in enumerate(dict.fromkeys(map(_kind, rows)))}
     figure.set_size_inches(8.0, 0.3 * len(kinds) + 1.2)
     axes = figure.subplots()
     for colour, arm in zip(COLOURS, dict.fromkeys(row["arm"] for row in rows), strict=False):
-        own = [row for row in rows if row["arm"] == arm]
-        axes.plot([row["right"] for row in own], [kinds[_kind(row)] for row in own], "o", color=colour, label=arm)
+        some = [row for row in rows if row["arm"] == arm]
+        axes.plot([row["right"] for row in some], [kinds[_kind(row)] for row in some], "o", color=colour, label=arm)
     axes.axvline(ENOUGH, color="#999999", lw=0.8)
     axes.set_yticks(list(kinds.values()), list(kinds), fontsize=8)
     axes.invert_yaxis()

@@ -1,8 +1,8 @@
-"""Which signs the data prefer, with next to nothing of the solver's pull in what they cost.
+"""Signs that the data prefer, by a cost almost without the solver's Tikhonov term.
 
-A certificate speaks of one set of moments, and of a cost in which the Tikhonov term to typical links has a say
-(`regression.solver`). `Witnessed` keeps these moments; `preference` prices other signs against the certified ones by
-the least residual in the cone alone.
+A certificate holds for one set of normal equations and a cost with a Tikhonov term towards typical links
+(`regression.solver`). `Witnessed` keeps these normal equations; `preference` compares the certified signs with others
+by the least residual in the cone.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 CLEARLY = 0.1
-"""Units of the cost, twice the nats, by which other signs must be cheaper: far above what the solver and the rest of
-the Tikhonov term leave open (tests/studies/test_preference.py)."""
-_DATA_OVER_PULL = 1e4
-"""By which the data's say in the cost is raised above rho's. A round number: rounding allows a little more."""
+"""Units of the cost, twice the nats, by which other signs must be cheaper: far above the errors of solver and remaining
+Tikhonov term (tests/studies/test_preference.py)."""
+_DATA_OVER_TIKHONOV = 1e4
+"""Factor on the data term relative to the Tikhonov term rho; larger ones are limited by rounding. Not measured."""
 _ROUNDS = 20
-"""In which signs and parameters are made to agree; none of them can raise the cost."""
+"""Largest number of alternations between signs and parameters; none raises the cost. Chosen; not measured."""
 
 
 class Witnessed(Search):
-    """A search that keeps the problems it has concluded.
+    """A search that keeps the problems it certified.
 
     Args:
-        search: that does the work.
+        search: the search to run.
     """
 
     def __init__(self, search: Search) -> None:
@@ -41,24 +41,24 @@ class Witnessed(Search):
 
     @property
     def any_model(self) -> bool:
-        """As the search's."""
+        """That of the search."""
         return self._search.any_model
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
-        """As the search's."""
+        """That of the search."""
         return self._search.find(problem, steps)
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """As the search's."""
+        """That of the search; keeps the problem."""
         result = self._search.certify(problem, progress)
         self._concluded.append((problem, result))
         return result
 
     def problem_of(self, result: SearchResult) -> SignProblem:
-        """The problem that a result concludes.
+        """The problem of a result.
 
         Raises:
-            LookupError: it is none of this search's.
+            LookupError: the result is not from this search.
         """
         for problem, concluded in self._concluded:
             if concluded.signs is result.signs:
@@ -73,24 +73,23 @@ def true_signs(segments: Segments, effort: Array) -> Integers:
 
 
 def preference(problem: SignProblem, certified: Integers, truth: Integers) -> float:
-    """By how much the cheapest of some other signs is cheaper than the certified ones; negative if none is.
+    """Cost of the certified signs minus that of the cheapest other signs; negative if none is cheaper.
 
-    The others are the true signs, and both of these with each joint turned round, as they are and settled: signs and
-    parameters made to agree. The certified signs settled count as others where that changes them.
+    Other signs: the true ones, and both with each joint flipped, as they are and refined by alternating between signs
+    and parameters. The refined certified signs are included if they differ.
 
     Args:
-        problem: its moments in units of the noise.
+        problem: its normal equations are in units of the noise.
         certified: (S,)
         truth: (S,)
 
     Raises:
         SolverError: a cone problem could not be solved.
     """
-    prices = _Prices(problem)
-    own = prices.of(certified)
-    others = {s.tobytes(): s for start in _starts(problem, certified, truth) for s in (start, prices.settle(start))}
+    costs = _Costs(problem)
+    others = {s.tobytes(): s for start in _starts(problem, certified, truth) for s in (start, costs.refined(start))}
     others.pop(certified.tobytes(), None)
-    return own - min(map(prices.of, others.values()), default=np.inf)
+    return costs.of(certified) - min(map(costs.of, others.values()), default=np.inf)
 
 
 def _starts(problem: SignProblem, certified: Integers, truth: Integers) -> Iterator[Integers]:
@@ -101,29 +100,29 @@ def _starts(problem: SignProblem, certified: Integers, truth: Integers) -> Itera
             yield np.where((normal_equations.joint == joint) & (normal_equations.known == 0), -signs, signs)
 
 
-class _Prices:
-    """What signs cost without the Tikhonov term: min over the cone of f(theta, signs)."""
+class _Costs:
+    """Costs of signs almost without the Tikhonov term: min over the cone of f(theta, signs)."""
 
     def __init__(self, problem: SignProblem) -> None:
         self._normal_equations = problem.normal_equations
-        self._prepared = problem.solver().prepared(_DATA_OVER_PULL * problem.hessian)
+        self._prepared = problem.solver().prepared(_DATA_OVER_TIKHONOV * problem.hessian)
 
     def of(self, signs: Integers) -> float:
         """The least cost of signs (S,)."""
         return self._normal_equations.cost(self._beta(signs), signs.astype(np.float64))
 
-    def settle(self, signs: Integers) -> Integers:
-        """(S,) signs that their best parameters predict, after a few rounds of adapting one to the other."""
+    def refined(self, signs: Integers) -> Integers:
+        """(S,) signs that agree with their best parameters, by alternating between both."""
         known = self._normal_equations.known
         for _ in range(_ROUNDS):
             predicted = np.where(self._normal_equations.gradient @ self._beta(signs) >= 0.0, 1, -1)
-            sign_solution = np.where(known != 0, known, predicted)
-            if np.array_equal(sign_solution, signs):
+            improved = np.where(known != 0, known, predicted)
+            if np.array_equal(improved, signs):
                 break
-            signs = sign_solution
+            signs = improved
         return signs
 
     def _beta(self, signs: Integers) -> Array:
-        """(r,) the best coefficients, as the cone and next to no pull have them."""
-        gradient = _DATA_OVER_PULL * (signs @ self._normal_equations.gradient)
+        """(r,) the best coefficients in the cone."""
+        gradient = _DATA_OVER_TIKHONOV * (signs @ self._normal_equations.gradient)
         return self._prepared.project(self._prepared.solve_precisely(gradient).theta)

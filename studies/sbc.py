@@ -1,28 +1,26 @@
 """Simulation-based calibration of the posterior sampler (Talts, Betancourt, Simpson, Vehtari and Gelman 2018).
 
 Every trial draws parameters and noise scales from a stated prior, simulates data from them, samples the posterior and
-takes the rank of each true value among L draws. If prior, likelihood and sampler are what they say, each rank is
-uniform on 0 ... L, whatever the prior and the model.
+takes the rank of each true value among L draws. If prior, likelihood and sampler are correct, each rank is uniform on
+0 ... L, for any prior and model.
 
-- Truth: an arm of two joints with all default terms, 28 parameters and 14 coefficients; its prior is that of
-  `make_prior` for a reference arm, the same in all trials. Its draws come by rejection, exact, on eigenvalues and
-  without the code under test.
-- Data: each segment's rows are turned by one random sign, + and - equally likely whatever the effort is, so the mixture
-  that the likelihood sums over is true to the letter. Joint 2 is measured every other sample and held, noise and all:
-  its autocorrelation time is exactly 2, and counting two of its samples as one is no approximation. The noise is about
-  as large as the efforts, so that cone, prior and signs matter; the reference noise is a fixed number.
-- Signs: with all of them unknown the posterior has many modes, between which no short chain crosses, and a trial may
-  not be left out for that: ranks of trials picked by their data need not be uniform. So 70 % of the segments, chosen
-  before there are data, come with their signs: that is more data, not a selection. They leave one mode. The rest,
-  weak and strong alike, are summed out, and in a usual trial a third of them stays in doubt. What is calibrated is thus
-  one mode; the search for modes and their weights is not.
-- Draws: one of each walker, L = 127 of 128, at a random one of its kept sweeps. Walkers do not see each other, so these
-  are independent without any thinning, and distributed as all draws together, those right after the warm-up among
-  them: a warm-up that is too short shows. All walkers start from the prior's inner point, which knows no data.
-- Verdict: with U uniform on [0, 1], x = (rank + U) / (L + 1) is exactly uniform, and so is |2 x - 1|. The exact test of
-  Kolmogorov and Smirnov finds draws that are off with the first and draws too narrow or too wide with the second. The
-  smallest p of all quantities and both tests is corrected after Bonferroni, which holds however they depend on each
-  other. Trials whose sampler did not converge are counted, and count in the ranks like all others.
+- Truth: an arm of two joints with all default terms, 28 parameters and 14 coefficients. Its prior is that of
+  `make_prior` for a reference arm, the same in all trials. Exact draws by rejection, on eigenvalues, without the code
+  under test.
+- Data: each segment is multiplied by a random sign, + and - equally likely for any effort, so the likelihood's mixture
+  is exact. Joint 2 is measured every other sample and held, with its noise: its autocorrelation time is exactly 2. The
+  noise is about as large as the efforts, so that cone, prior and signs matter; the reference noise is fixed.
+- Signs: with all signs unknown the posterior has many modes, which no short chain connects. Leaving out such trials
+  would bias the ranks. So the signs of 70 % of the segments, chosen before there are data, are given; one mode remains.
+  The other signs are summed out; in a typical trial a third of them stays ambiguous. The study therefore tests sampling
+  within a mode, not the search for modes and their weights.
+- Draws: one per walker, L = 127 of 128, at a random kept sweep. Walkers are independent, so these draws are too,
+  without thinning. They include draws right after the warm-up, so a warm-up that is too short shows. All walkers start
+  from the prior's inner point, without data.
+- Tests: with U uniform on [0, 1], x = (rank + U) / (L + 1) is exactly uniform, and so is |2 x - 1|. Exact tests of
+  Kolmogorov and Smirnov detect a bias of the draws with the first, and a wrong width with the second. The smallest p of
+  all quantities and both tests is corrected after Bonferroni, valid under any dependence. Trials that did not converge
+  are counted, and included in the ranks.
 """
 
 from __future__ import annotations
@@ -58,31 +56,31 @@ if TYPE_CHECKING:
     from bayesid.studies.figures import Figure
 
 LINKS = LinkPrior()
-"""What is believed of any link: the default."""
+"""Prior of a link: the default."""
 SIGMA = np.array([10.0, 30.0])
 """N m, the reference noise."""
 AUTOCORRELATION = np.array([1.0, 2.0])
-"""Samples that count as one: joint 2 is held for two."""
+"""Autocorrelation times in samples: joint 2 is held for two."""
 LAST = 127
 """L, the largest rank."""
 FLAWS = ("", "noise", "prior", "tempering")
-"""Mistakes that calibration should find: half the reference noise, the prior's mean off by one sd, held samples counted
-as if each were new."""
+"""Mistakes that calibration should detect: half the reference noise, the prior's mean wrong by one sd, autocorrelation
+ignored."""
 _STREAM = 0
-"""Of random numbers, apart from that of other studies with the same seeds."""
+"""Stream of random numbers, different from that of other studies."""
 _SAMPLES = 240
-"""Of the log: few, so that a trial takes seconds and its signs stay in doubt."""
+"""Of the log: few, so that a trial takes seconds and signs stay ambiguous."""
 _RATE = 60.0
 """Hz."""
 _SEGMENT = 4
 """Samples of a segment."""
 _SUMMED, _PERIOD = 3, 10
-"""Of ten segments in a row, three whose signs are summed out: with more, trials have several modes."""
+"""Three of ten consecutive segments have their signs summed out: with more, trials have several modes."""
 _SAMPLING = Sampling(ensembles=4, walkers=(LAST + 1) // 4, budget=600.0)
 _DOUBT = 0.01
-"""A sign stays in doubt if both are likelier than this."""
+"""A sign is ambiguous if both signs are likelier than this."""
 _PROPOSALS = 20_000
-"""Of a body at a time: about as many as it takes to draw a physical one."""
+"""Of a body at a time: about as many as one physical draw needs."""
 _MOST_BINS = 16
 """Of ranks; a power of two, as L + 1 is."""
 _FEWEST_IN_BIN = 5
@@ -99,10 +97,10 @@ class Setting:
     Attributes:
         model: an arm of two joints.
         coefficients: its base coefficients.
-        motion: N samples, each followed by itself.
+        motion: N samples, each repeated once.
         segments: S segments, all of the same length.
         summed: (S,) whether a segment's sign is summed out.
-        prior: stated before any data.
+        prior: of the parameters.
     """
 
     model: Model
@@ -115,7 +113,7 @@ class Setting:
 
 @cache
 def setting() -> Setting:
-    """The one setting, made once a process."""
+    """The setting, made once per process."""
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     instants = np.repeat(np.arange(0, _SAMPLES, 2), 2) / _RATE
@@ -148,7 +146,7 @@ def draw_prior(rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _draw_body(mean: Array, sd: Array, rng: np.random.Generator) -> Array:
-    """(10,) parameters of a body: one of some 25 000 proposals is physical."""
+    """(10,) parameters of a body; about one of 25 000 proposals is physical."""
     while True:
         proposed = mean + sd * rng.standard_normal((_PROPOSALS, 10))
         diagonal, mass = proposed[:, [0, 3, 5]], proposed[:, 9]
@@ -164,10 +162,10 @@ def _draw_body(mean: Array, sd: Array, rng: np.random.Generator) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Scenario:
-    """What a trial examines.
+    """A possible mistake.
 
     Attributes:
-        flaw: one of FLAWS, that the sampled posterior has and the data do not.
+        flaw: one of FLAWS, which the sampled posterior has and the data do not.
     """
 
     flaw: str = ""
@@ -197,7 +195,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def simulated(theta: Array, log_scale: Array, rng: np.random.Generator) -> tuple[Array, Integers]:
-    """Efforts (N, n), every segment turned by its sign, and the signs (S,)."""
+    """Efforts (N, n), every segment multiplied by its sign, and the signs (S,)."""
     given = setting()
     signs = rng.choice([-1, 1], len(given.segments))
     noise = rng.standard_normal((len(given.motion), len(SIGMA)))
@@ -214,7 +212,7 @@ def target_of(effort: Array, signs: Integers, flaw: str) -> Target:
     if flaw == "prior":
         prior = replace(prior, mean=prior.mean + prior.sd)
     fixed = np.where(given.summed, 0, signs)
-    known = np.where(given.segments.joint == 0, fixed, 0)  # so that both ways to give a sign are used
+    known = np.where(given.segments.joint == 0, fixed, 0)  # uses both ways to give a sign
     segments = replace(given.segments, known=known)
     moment = normal_equations(given.model, given.coefficients, given.motion, effort, segments, most_individual=5)
     return Target(prior, make_likelihood(moment, given.coefficients, sigma, autocorrelation, fixed - known))
@@ -229,11 +227,11 @@ def _independent(draws: Draws, rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _quantities(target: Target, theta: Array, log_scale: Array, signs: Array) -> dict[str, Array]:
-    """(W,) values of all that is ranked.
+    """(W,) values of all ranked quantities.
 
-    Coefficients (friction and offsets are coefficients by themselves); rotor inertias and masses, which the data show
-    in part; noise scales; how well signs and efforts agree; log likelihood and log density, which reveal mistakes that
-    no single parameter reveals (Modrak et al. 2023).
+    Coefficients (friction and offsets are coefficients themselves); rotor inertias and masses, which the data determine
+    in part; noise scales; agreement of signs and efforts; log likelihood and log density, which reveal mistakes that no
+    single parameter reveals (Modrak et al. 2023).
 
     Args:
         target: the posterior.
@@ -260,7 +258,7 @@ def _quantities(target: Target, theta: Array, log_scale: Array, signs: Array) ->
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Calibration:
-    """Whether the ranks of K quantities in T trials are uniform.
+    """Tests whether the ranks of K quantities in T trials are uniform.
 
     Attributes:
         names: (K,) the quantities.
@@ -281,7 +279,7 @@ class Calibration:
 
     @property
     def bins(self) -> int:
-        """Bins of equal size for the test by chi-square, at least five trials expected in each."""
+        """Bins of equal size for the chi-square test, with at least five expected trials each."""
         bins = _MOST_BINS
         while bins > 2 and len(self.ranks) < _FEWEST_IN_BIN * bins:
             bins //= 2
@@ -295,7 +293,7 @@ class Calibration:
 
     @cached_property
     def shift(self) -> Array:
-        """(K,) p of x = (rank + U) / (L + 1) against the uniform distribution: draws that are off."""
+        """(K,) p of x = (rank + U) / (L + 1) against the uniform distribution: biased draws."""
         return _uniform(self._fraction)
 
     @cached_property
@@ -309,7 +307,7 @@ class Calibration:
 
     @property
     def p(self) -> float:
-        """Of all quantities together: if all is well, it is below a level with at most that probability."""
+        """Of all quantities together: for a correct sampler it is below a level with at most that probability."""
         return float(min(1.0, 2.0 * len(self.names) * min(self.shift.min(), self.spread.min())))
 
 
@@ -319,7 +317,7 @@ def _uniform(values: Array) -> Array:
 
 
 def report(rows: Sequence[Row]) -> str:
-    """The ranks of all quantities, and whether they are uniform."""
+    """Ranks of all quantities, and tests of their uniformity."""
     calibration = Calibration.of(rows)
     trials, doubtful = len(rows), np.array([row["doubtful"] for row in rows])
     slow = [row["trial"] for row in rows if not row["converged"]]
@@ -329,18 +327,18 @@ def report(rows: Sequence[Row]) -> str:
             "",
             f"standard error of a mean rank: {(LAST + 1) / np.sqrt(12.0 * trials):.1f}",
             *_summary(calibration),
-            f"not converged: {len(slow)} of {trials} trials{f', {slow}' if slow else ''} (they are in the table)",
+            f"not converged: {len(slow)} of {trials} trials{f', {slow}' if slow else ''} (included)",
             f"worst R-hat {max(row['max_rhat'] for row in rows):.4f}, least ESS {min(r['min_ess'] for r in rows):.0f}",
-            f"signs summed out that stay in doubt (1 % < P(+) < 99 %): {doubtful.mean():.0%}, {doubtful.min():.0%} to "
-            f"{doubtful.max():.0%} a trial",
-            f"seconds a trial, median: {np.median([row['timings']['seconds'] for row in rows]):.2f}",
+            f"ambiguous signs among those summed out (1 % < P(+) < 99 %): {100 * doubtful.mean():.0f} %, "
+            f"per trial {100 * doubtful.min():.0f} to {100 * doubtful.max():.0f} %",
+            f"seconds per trial, median: {np.median([row['timings']['seconds'] for row in rows]):.2f}",
             f"all quantities, shift and spread, after Bonferroni: p = {calibration.p:.2g}",
         ]
     )
 
 
 def _table(calibration: Calibration) -> list[str]:
-    """A line for each quantity, under a header."""
+    """One line per quantity."""
     note = f"({LAST / 2} expected; {calibration.bins} bins)"
     lines = [f"{'quantity':<16}  mean rank  chi2 p  KS p shift  KS p spread    {note}"]
     means, tests = calibration.ranks.mean(axis=0), (calibration.chi_square, calibration.shift, calibration.spread)
@@ -350,20 +348,20 @@ def _table(calibration: Calibration) -> list[str]:
 
 
 def _summary(calibration: Calibration) -> list[str]:
-    """A line for each test, over all quantities."""
+    """One line per test, over all quantities."""
     lines = []
     for name in ("chi_square", "shift", "spread"):
         values, label = getattr(calibration, name), name.replace("_", "-") + ":"
         below, together = int(np.sum(values < 0.05)), stats.kstest(values, "uniform").pvalue
         lines.append(
             f"{label:<12} {below:2d} of {len(values)} p below 5 %, smallest {values.min():.2g}, after Bonferroni "
-            f"{min(1.0, len(values) * values.min()):.2g}; p uniform, were they independent: {together:.2g}"
+            f"{min(1.0, len(values) * values.min()):.2g}; uniformity of p if independent: {together:.2g}"
         )
     return lines
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """For every quantity the distribution of its ranks, less the uniform one, in the band of 95 % of such curves."""
+    """Distribution of the ranks of each quantity minus the uniform one, with pointwise 95 % band."""
     from bayesid.studies.figures import COLOURS
 
     count, ax = len(rows), figure.subplots()
@@ -372,12 +370,12 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
         share = np.searchsorted(np.sort(column), np.arange(LAST + 2), side="left") / count
         ax.plot(x, share - x, color=COLOURS[0], lw=0.8, alpha=0.7)
     band = 1.96 * np.sqrt(x * (1.0 - x) / count)
-    ax.fill_between(x, -band, band, color="#bbbbbb", alpha=0.4, lw=0.0, label="95 % at each place, if all is well")
+    ax.fill_between(x, -band, band, color="#bbbbbb", alpha=0.4, lw=0.0, label="pointwise 95 % band")
     ax.set_xlabel("rank of the truth among the draws, 0 to 1")
-    ax.set_ylabel("share of trials below, less expected")
+    ax.set_ylabel("share of trials below, minus expected")
     ax.legend(fontsize=8)
 
 
 STUDY = Study("sbc", 200, in_turn([Scenario()]), trial, report, draw)
 FLAWED = {flaw: replace(STUDY, plan=in_turn([Scenario(flaw)])) for flaw in FLAWS if flaw}
-"""By the mistake in the posterior, to see that the study finds it."""
+"""Studies with a mistake in the posterior, by its name."""

@@ -35,4 +35,4 @@ def test_a_row_of_each_kind_and_the_report():
     assert [row["stopped"] for row in rows] == [True, False]
     assert misread.figures(rows)["named"] == 1.0
     assert STUDY.short(rows) == []
-    assert "named first 100.0%" in reported(STUDY, rows)
+    assert "right finding: 100.0 %" in reported(STUDY, rows)

@@ -61,4 +61,4 @@ def test_a_short_trial_of_each_kind(scenario):
         assert row["noise_above"] < 0.2 * row["coefficients"]
     else:
         assert row["named_designed"]
-        assert row["told_designed"]
+        assert row["discriminated_designed"]

@@ -133,10 +133,10 @@ def test_the_report_says_what_a_failing_case_lacks():
         "seconds": 10.0,
     }
     assert "trial 0" not in text
-    said = "signs 90.0%: joint 2 80.0% (residual 4%); not named: base_tilt"
-    assert (
-        f"trial 1, seed 7, base_tilt alone, {SENSORS}: {said}; named instead or besides: joint_spring 2; 5 of" in text
+    reason = (
+        "signs 90.0 %: joint 2 80.0 % (residual 4 %); not named: base_tilt; other effects named: joint_spring 2; 5 of"
     )
+    assert f"trial 1, seed 7, base_tilt alone, {SENSORS}: {reason}" in text
 
 
 def test_what_looks_like_a_hidden_effect_stands_for_it_once():
