@@ -7,6 +7,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
@@ -37,6 +38,8 @@ SURE = 0.99
 """Probability from which a sign counts as certain (README: of such samples at most 0.05 % are wrong)."""
 KNOWN = 0.1
 """Relative standard deviation below which a coefficient counts as known; as in the studies' tables."""
+_GRID = 200
+"""Quantiles of each factor of a product: its 95 % interval is then right to 0.4 % of its width."""
 _FIXED = 1e-12
 """Free share of a combination of parameters, under equality constraints, that is rounding error."""
 
@@ -214,18 +217,25 @@ class Identification(IdentifiedModel):
     def sd_apart(self) -> Array:
         """(r,) standard deviations of the coefficients at a fixed common factor of the gains.
 
-        No motion shows that factor; its uncertainty is in `gains`. With exact gains equal to `sd`.
+        No motion shows that factor; its uncertainty is in `gains`. With exact gains equal to `sd`, as for a
+        dimensionless coefficient, which does not scale with the gains.
         """
         gains, posterior = self.gains, self.posterior
         if gains is None:
             return self.sd
         if posterior is not None and posterior.log_gain is not None:
-            factor = np.exp(posterior.log_gain @ gains.weights)[..., None]
+            factor = np.where(self._scale_with_gains, np.exp(posterior.log_gain @ gains.weights)[..., None], 1.0)
             apart = posterior.uncertain.beta / factor
             return np.asarray(apart.reshape(-1, apart.shape[-1]).std(axis=0))
-        without_factor: Array = self.sd**2 - (gains.factor_sd * self.beta) ** 2
+        without_factor: Array = self.sd**2 - (gains.factor_sd * self.beta * self._scale_with_gains) ** 2
         exact = np.zeros_like(without_factor) if self.by_gains is None else self.sd**2 - np.diag(self.by_gains)
         return np.sqrt(np.maximum(np.maximum(without_factor, exact), 0.0))
+
+    @property
+    def _scale_with_gains(self) -> Mask:
+        """(r,) which coefficients scale with the gains: all but dimensionless ones."""
+        scale: Mask = np.array([unit != "1" for unit in self.coefficients.units], dtype=bool)
+        return scale
 
     @property
     def parameter_sd(self) -> tuple[Array, Mask]:
@@ -285,10 +295,15 @@ class Identification(IdentifiedModel):
 
     @property
     def interval_95(self) -> tuple[Array, Array]:
-        """(r,) ends of the 95 % intervals of the coefficients: of the posterior, or else of a normal distribution."""
+        """(r,) ends of the 95 % intervals of the coefficients: of the posterior, or else of a normal distribution.
+
+        The common factor of estimated gains is log-normal.
+        """
         if self.posterior is not None:
             return self.posterior.interval(0.95)
-        return self.beta - NORMAL_95 * self.sd, self.beta + NORMAL_95 * self.sd
+        factor_sd = 0.0 if self.gains is None else self.gains.factor_sd
+        log_sd: Array = np.where(self._scale_with_gains, factor_sd, 0.0)
+        return _intervals(self.beta, self.sd_apart, log_sd)
 
     @property
     def n_known(self) -> int:
@@ -367,6 +382,16 @@ class Identification(IdentifiedModel):
         parameters = [parameter.name for parameter in self.model.parameters]
         elsewhere = f"it is not identifiable by itself; use parameter({name!r})" if name in parameters else ""
         return named(self.coefficients_table(), name, "coefficient", elsewhere)
+
+
+def _intervals(mean: Array, sd: Array, log_sd: Array) -> tuple[Array, Array]:
+    """(r,) ends of 95 % intervals of normal numbers, each times a log-normal factor about 1."""
+    low, high = mean - NORMAL_95 * sd, mean + NORMAL_95 * sd
+    z = ndtri((np.arange(_GRID) + 0.5) / _GRID)
+    for k in np.flatnonzero(np.isfinite(sd) & (log_sd > 0.0)).tolist():
+        product = np.outer(mean[k] + sd[k] * z, np.exp(log_sd[k] * z))
+        low[k], high[k] = np.quantile(product, [0.025, 0.975])
+    return low, high
 
 
 def identified_of(model: object, name: str) -> IdentifiedModel:

@@ -234,18 +234,19 @@ class Posterior:
         """(r,) ends of each coefficient's central interval of this posterior mass.
 
         A nonnegative coefficient gets the shortest interval, from zero if that is hardly longer. Equal tails would
-        exclude the true value zero of an absent friction.
+        exclude the true value zero of an absent friction. With estimated gains zero is included
+        only if it is so at a fixed common factor too; otherwise the interval is central, as that factor is log-normal.
         """
         beta = self.uncertain.beta
-        beta = np.sort(beta.reshape(-1, beta.shape[-1]), axis=0)
+        beta = beta.reshape(-1, beta.shape[-1])
         low, high = np.quantile(beta, [0.5 - 0.5 * mass, 0.5 + 0.5 * mass], axis=0)
-        count = int(np.ceil(mass * len(beta)))
+        apart = beta if self.log_gain is None else beta / np.exp(self.log_gain.mean(axis=-1)).reshape(-1, 1)
         for k in self._nonnegative.tolist():
-            widths = beta[count - 1 :, k] - beta[: len(beta) - count + 1, k]
-            first = int(widths.argmin())
-            low[k], high[k] = beta[first, k], beta[first + count - 1, k]
-            if beta[count - 1, k] <= TUNING.from_zero * widths[first]:
-                low[k], high[k] = 0.0, beta[count - 1, k]
+            ends = _shortest(apart[:, k], mass)
+            if self.log_gain is None:
+                low[k], high[k] = ends
+            elif ends[0] == _shortest(beta[:, k], mass)[0] == 0.0:  # a dimensionless coefficient does not scale
+                low[k], high[k] = 0.0, np.quantile(beta[:, k], mass)
         return low, high
 
     @property
@@ -268,6 +269,16 @@ class Posterior:
     def spread(self, count: int = TUNING.few_draws) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) log noise scales of at most `count` evenly spread draws."""
         return self.target.split(self.draws.spread(count))
+
+
+def _shortest(draws: Array, mass: float) -> tuple[float, float]:
+    """The shortest interval of nonnegative draws with a posterior mass; from zero if that is hardly longer."""
+    draws, count = np.sort(draws), int(np.ceil(mass * len(draws)))
+    widths = draws[count - 1 :] - draws[: len(draws) - count + 1]
+    first = int(widths.argmin())
+    if draws[count - 1] <= TUNING.from_zero * widths[first]:
+        return 0.0, float(draws[count - 1])
+    return float(draws[first]), float(draws[first + count - 1])
 
 
 def widened(posterior: Posterior, information: Array, model_error_covariance: Array) -> Posterior:

@@ -9,6 +9,7 @@ from simulated_arms import Simulated, T
 
 import bayesid
 from bayesid.effects import STANDARD
+from bayesid.effects.friction import LoadDependentFriction
 from bayesid.errors import InputError
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN, IdentifiedGains
 from bayesid.identification.model_file import load
@@ -121,6 +122,34 @@ def test_the_common_factor_is_no_matter_of_the_coefficients(arm, known, found):
     assert found.prior_sd[1].sum() >= len(found.sd) - 3
     content = found.report_data().summary.gains
     np.testing.assert_allclose(content.sd_of_coefficients, found.sd_apart)
+
+
+def test_without_draws_the_common_factor_is_log_normal(arm):
+    """Intervals of well-known coefficients are symmetric in the logarithm; none of a positive one reaches zero."""
+    result = settle(arm, wrong(arm.log(noise=0.03), sd=2.0))
+    gains, (low, high) = result.gains, result.interval_95
+    assert gains.factor_sd > 0.5
+    known = result.sd_apart < 0.05 * np.abs(result.beta)
+    assert known.sum() > 3
+    ends = np.sort(np.abs([low, high]), axis=0)[:, known] / np.abs(result.beta[known])
+    np.testing.assert_allclose(np.log(ends[1]), 1.96 * gains.factor_sd, rtol=0.02)
+    np.testing.assert_allclose(np.log(ends[0]), -1.96 * gains.factor_sd, rtol=0.02)
+
+
+@pytest.mark.parametrize("posterior", [False, Sampling(budget=0.0)])
+def test_a_dimensionless_coefficient_does_not_scale_with_the_gains(arm, known, posterior):
+    """Load-dependent friction is a share of the load: the common factor of the gains widens it by nothing."""
+    links = tuple(known.theta[:30].tolist())
+    terms = (*STANDARD, *(LoadDependentFriction(joints=(j,), smoothing=(0.02,), links=links) for j in (1, 2, 3)))
+    options = {"complete": "off", "search": SEARCH, "posterior": posterior}
+    result = identify(arm.robot, wrong(arm.log(noise=0.03), sd=2.0), terms, **options)
+    share = np.array(result.coefficients.units) == "1"
+    assert share.sum() == 3
+    np.testing.assert_allclose(result.sd_apart[share], result.sd[share], rtol=0.1)
+    assert np.all(result.sd_apart[~share] <= 1.01 * result.sd[~share])
+    if not posterior:
+        half = 0.5 * (result.interval_95[1] - result.interval_95[0])
+        np.testing.assert_allclose(half[share], 1.96 * result.sd[share], rtol=0.01)
 
 
 def test_a_validation_is_in_the_scale_of_the_gains_and_a_prediction_is_not(arm, known, found):

@@ -91,6 +91,19 @@ def test_a_coefficient_that_cannot_be_negative_has_the_shortest_interval(mean, f
     assert high[0] == pytest.approx(expected, abs=0.06)
 
 
+def test_uncertain_gains_do_not_make_a_known_friction_zero():
+    """A factor of 7 common to all coefficients: no information whether a friction is absent."""
+    posterior = normal_draws(np.eye(2), cone=Cone.orthant(2))
+    rng = np.random.default_rng(3)
+    log_gain = 1.4 * rng.standard_normal((400, 4, 16, 1))
+    known, absent = 8.0 + 0.4 * rng.standard_normal(log_gain.shape), np.abs(rng.standard_normal(log_gain.shape))
+    beta = np.concatenate([known, absent], axis=-1) * np.exp(log_gain)
+    drawn = replace(posterior.draws, theta=beta, beta=beta)
+    (low, zero), (high, _) = replace(posterior, draws=drawn, log_gain=log_gain).interval(0.95)
+    assert zero == 0.0
+    np.testing.assert_allclose(np.log([low / 8.0, high / 8.0]), np.array([-1.96, 1.96]) * 1.4, rtol=0.03)
+
+
 def test_model_error_widens_by_the_closed_form():
     """A normal posterior: theta moves by Cov(theta, beta) H e; nothing else moves."""
     plain = normal_draws(np.array([[2.0, 0.6], [0.6, 0.5]]))
