@@ -12,7 +12,8 @@ well (`bayesid.find_discrepancy`). A motion is designed to discriminate between 
 one, and both logs together are explained again. The effect is discriminated if it is named, has no equivalents, and has
 a decisive Bayes factor against each of its former equivalents.
 
-A design tries about half the default number of changes (`TUNING.changes`, `TUNING.telling_changes`).
+A design tries about half the default number of changes (`TUNING.coefficient_changes`,
+`TUNING.hypothesis_changes`).
 """
 
 from __future__ import annotations
@@ -196,7 +197,7 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
     log = truth.log(first, seed)
     now = _identified(truth, log, seed)
     run = MotionSettings(duration=_DURATION, rate=_RATE, limits=truth.limits, changes=scenario.changes)
-    design = design_next(now, run=run)
+    design = design_next(now, settings=run)
     motions = {"designed": design.motion, "random": _random(n, _DURATION, seed + _ANOTHER), "repeat": first}
     logs = {name: join_logs([log, truth.log(motion, seed + _ANOTHER)]) for name, motion in motions.items()}
     results = {name: _identified(truth, both, seed) for name, both in logs.items()}
@@ -223,7 +224,7 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
 
 def _allowed(design: NextExperiment, motion: Motion) -> bool | None:
     """Whether a motion certainly keeps the limits of efforts, by the result; None without limits."""
-    if not design.feasibility.limits_effort:
+    if not design.feasibility.has_effort_limits:
         return None
     return bool((largest_efforts(*design.feasibility.effort_band(motion)) <= design.feasibility.effort).all())
 
@@ -320,7 +321,7 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     else:
         return {"ambiguous": False}
     run = MotionSettings(duration=_SHORT, rate=_RATE, limits=truth.limits, changes=scenario.changes)
-    design = design_next(found, run=run)
+    design = design_next(found, settings=run)
     random = _random(healthy.model.robot.n_joints, _SHORT, seed - 1 + _ANOTHER)
     after: Row = {}
     for name, motion in {"designed": design.motion, "random": random}.items():
@@ -374,7 +375,7 @@ def _discriminated(found: Discrepancy, key: EffectKey, competing: Sequence[str])
         named is not None
         and not set(named.equivalent) & set(competing)
         and factor is not None
-        and factor >= TUNING.telling
+        and factor >= TUNING.decisive
     )
     return {"named": named is not None, "factor": factor, "discriminated": discriminated}
 
@@ -527,7 +528,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
             color=COLOURS[place],
             label=name,
         )
-    axes[1].axhline(TUNING.telling, color="#888888", lw=0.8)
+    axes[1].axhline(TUNING.decisive, color="#888888", lw=0.8)
     axes[1].set_xscale("symlog")
     axes[1].set_yscale("symlog")
     axes[1].set_xlabel("expected log10 Bayes factor of the designed motion")

@@ -155,7 +155,7 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
             recorded = _recorded_motion(options.result)
             robot = _robot_with_shapes(options, identified)
             clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
-        run = MotionSettings(
+        settings = MotionSettings(
             duration=options.duration,
             rate=options.rate,
             start=numbers(options.start, "--start"),
@@ -170,7 +170,13 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
         elif about:
             found = Hypotheses()
         design = design_next(
-            identified, about, found, run=run, recorded=recorded, criterion=options.criterion, progress=progress
+            identified,
+            about,
+            found,
+            settings=settings,
+            recorded=recorded,
+            criterion=options.criterion,
+            progress=progress,
         )
         with progress.stage("write"):
             save_next_motion(design, folder)

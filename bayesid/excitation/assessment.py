@@ -23,10 +23,10 @@ from bayesid.excitation.resolvability import (
     Excitation,
     check_noise,
     condition_of,
-    expect,
+    plausible_robots,
     groups_of,
-    mistaken,
-    turn_measured,
+    wrong_sign_probability,
+    flip_measured_segments,
 )
 from bayesid.excitation.tuning import TUNING
 from bayesid.log.reading import LogSource, as_log
@@ -72,8 +72,8 @@ class ExcitationAssessment(Excitation):
         """
         if _still(self) or _flippable(self):
             return "bad"
-        many = len(self.undecided) > TUNING.open * len(self.uncertainty)
-        return "look" if many or (self.doubtful > TUNING.doubtful).any() or _idle(self) else "good"
+        many = len(self.undecided) > TUNING.most_undetermined * len(self.uncertainty)
+        return "look" if many or (self.doubtful > TUNING.doubtful_energy).any() or _idle(self) else "good"
 
 
 @one_blas_thread
@@ -115,19 +115,21 @@ def assess_excitation(
     if not len(segments):
         raise InputError("no joint moves", log.source, "record a motion in which every joint moves")
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
-    expectation = expect(model, seed_of(rng))
+    expectation = plausible_robots(model, seed_of(rng))
     speed, n = np.abs(actuators.dq), robot.n_joints
     unsigned = np.flatnonzero(~signals.signed).tolist()
     sums = normal_equations(
         model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0
     )
     grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
-    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
+    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent_rate / signals.rate)
     groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
     sigma = expectation.sigma(grams, samples, noise)
     flips = expectation.joint_flips(grams, sigma, weight, groups) if unsigned else []
-    measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
-    wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
+    measured = flip_measured_segments(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
+    wrong = np.bincount(
+        measured.joint, sums.energy[sums.known == 0] * wrong_sign_probability(measured.resolvability), n
+    )
     return ExcitationAssessment(
         model=model,
         coefficients=expectation.coefficients,
@@ -148,12 +150,12 @@ def assess_excitation(
 # ---- Remarks ----
 def _still(assessment: ExcitationAssessment) -> list[int]:
     """0-based actuators that hardly move."""
-    return np.flatnonzero((assessment.reach < TUNING.little) | (assessment.speed < TUNING.slow)).tolist()
+    return np.flatnonzero((assessment.reach < TUNING.least_range) | (assessment.speed < TUNING.least_speed)).tolist()
 
 
 def _idle(assessment: ExcitationAssessment) -> list[int]:
     """Other actuators that are often at standstill."""
-    return sorted(set(np.flatnonzero(assessment.idle > TUNING.idle).tolist()) - set(_still(assessment)))
+    return sorted(set(np.flatnonzero(assessment.idle > TUNING.most_standstill).tolist()) - set(_still(assessment)))
 
 
 def _flippable(assessment: ExcitationAssessment) -> list[tuple[int, ...]]:
@@ -161,8 +163,8 @@ def _flippable(assessment: ExcitationAssessment) -> list[tuple[int, ...]]:
     flips, groups = assessment.joints, list[tuple[int, ...]]()
     if flips is None:
         return groups
-    for group, chance in zip(flips.groups, mistaken(flips.resolvability).tolist(), strict=True):
-        if chance > TUNING.mistaken and not any(set(smaller) <= set(group) for smaller in groups):
+    for group, chance in zip(flips.groups, wrong_sign_probability(flips.resolvability).tolist(), strict=True):
+        if chance > TUNING.wrong_sign and not any(set(smaller) <= set(group) for smaller in groups):
             groups.append(group)
     return [group for group in groups if not set(group) <= set(_still(assessment))]
 
@@ -190,7 +192,7 @@ def _remarks(assessment: ExcitationAssessment) -> Iterator[str]:
             remedy = designs if term.name == "rigid_body" else f"recommended motion: {term.shown_by}"
             kind = term.name.replace("_", " ")
             yield f"undecided at a noise of {percent(assessment.noise, 0)} ({kind}): {', '.join(own)}; {remedy}"
-    for j in np.flatnonzero(assessment.doubtful > TUNING.doubtful).tolist():
+    for j in np.flatnonzero(assessment.doubtful > TUNING.doubtful_energy).tolist():
         yield (
             f"about {percent(assessment.doubtful[j], 0)} of the energy of joint {j + 1} would have the wrong sign, in "
             "segments that are short or weak: use fewer sign changes of the torque, and record longer"

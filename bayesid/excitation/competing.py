@@ -38,7 +38,7 @@ class CompetingForm:
     """One form of a hypothesis."""
 
     source: Effect  # term or distortion
-    sd: Array  # (p,) of its amplitudes beforehand; `TUNING.shift` of a change without amplitude, which comes last
+    sd: Array  # (p,) of its amplitudes beforehand; `TUNING.constant_sd` of a change without amplitude, which comes last
     mean: Array  # (p,) of them beforehand
     columns: Integers  # (p,) places of its columns among all
 
@@ -47,7 +47,7 @@ class CompetingForm:
         """Its columns have no place yet."""
         columns = hypothesis.columns
         shift = int(any(np.any(values) for values in columns.shift.values()))
-        sd = np.concatenate([columns.sd, np.full(shift, TUNING.shift)])
+        sd = np.concatenate([columns.sd, np.full(shift, TUNING.constant_sd)])
         mean = np.concatenate([np.zeros(len(columns.sd)), np.ones(shift)])
         return cls(hypothesis.source, sd, mean, np.zeros(0, dtype=np.int64))
 
@@ -58,7 +58,7 @@ class CompetingModel:
 
     key: EffectKey
     forms: tuple[CompetingForm, ...]  # with different nonlinear parameters; the one in the result comes first
-    own: Array | None  # (p,) amplitudes of its first form in the result; None where the result lacks it
+    amplitudes_found: Array | None  # (p,) amplitudes of its first form in the result; None where the result lacks it
 
     @property
     def name(self) -> str:
@@ -96,13 +96,13 @@ class CompetingEffects:
         """Whether a row depends on other instants too."""
         return self.posterior.memory or any(form.source.memory for model in self.competing for form in model.forms)
 
-    def worth(self, information: Array) -> float:
+    def objective(self, information: Array) -> float:
         """Minus the sum of expected log Bayes factors, nats, each limited to twice the decisive value.
 
         The limit keeps one pair from outweighing the others; the factor two allows for scatter.
         """
         factors = expected_factors(self._beliefs, information)
-        return -float(np.minimum(factors, 2.0 * TUNING.telling * LN10).sum())
+        return -float(np.minimum(factors, 2.0 * TUNING.decisive * LN10).sum())
 
     def expected(self, information: Array) -> dict[tuple[str, str], float]:
         """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""
@@ -121,15 +121,22 @@ class CompetingEffects:
 
         Where the result includes one of them, each other one is fitted to the efforts which that one predicts.
         """
-        found = next(((model.forms[0], model.own) for model in self.competing if model.own is not None), None)
+        found = next(
+            (
+                (model.forms[0], model.amplitudes_found)
+                for model in self.competing
+                if model.amplitudes_found is not None
+            ),
+            None,
+        )
         truths = {}
         for model in self.competing:
-            if model.own is None and found is not None:
+            if model.amplitudes_found is None and found is not None:
                 seen = self._of(*found)
                 truths[model.name] = max((self._after(form, seen) for form in model.forms), key=lambda one: one.fit)
             else:
                 form = model.forms[len(model.forms) // 2]
-                form = form if model.own is None else replace(model.forms[0], mean=model.own)
+                form = form if model.amplitudes_found is None else replace(model.forms[0], mean=model.amplitudes_found)
                 truths[model.name] = self._after(form, self._of(form, form.mean))
         return truths
 
@@ -207,15 +214,15 @@ def _competing(
     make = maker(bare.model, scene, np.abs(actuators.dq) > actuators.standstill_speed)
     competing = []
     for key in keys:
-        own, amplitudes = found.get(key), steps.get(key)
-        made = [] if own is None else [make(own[0])]
+        amplitudes_found, amplitudes = found.get(key), steps.get(key)
+        made = [] if amplitudes_found is None else [make(amplitudes_found[0])]
         made += [one for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for one in group]
         forms = [CompetingForm.of(one) for one in made]
         if not forms:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
             raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=EXAMPLE)
-        if own is not None:  # a term's parameters, or nothing beside the change that a distortion is
-            amplitudes = np.concatenate([own[1], forms[0].mean[len(own[1]) :]])
+        if amplitudes_found is not None:  # a term's parameters, or nothing beside the change that a distortion is
+            amplitudes = np.concatenate([amplitudes_found[1], forms[0].mean[len(amplitudes_found[1]) :]])
         competing.append(CompetingModel(key, tuple(forms), amplitudes))
     return _placed(len(bare), competing)
 
@@ -245,7 +252,7 @@ def _unstepped(posterior: GaussianPosterior, steps: Sequence[Mapping[str, float]
 def _without_step(prior: Array, bare: GaussianPosterior, parameters: Sequence[str], sd: Array) -> Array:
     """The inverse covariance before, without the step of sd (p,) of parameters (`CoefficientPrior.widened`).
 
-    Where that is all that was uncertain of a coefficient, a `TUNING.wider`th of its standard deviation is left.
+    Where that is all that was uncertain of a coefficient, a `TUNING.earlier_sd`th of its standard deviation is left.
     """
     names = [parameter.name for parameter in bare.model.parameters]
     step = np.zeros((len(bare), len(parameters)))
@@ -259,7 +266,7 @@ def _without_step(prior: Array, bare: GaussianPosterior, parameters: Sequence[st
 def _before(posterior: GaussianPosterior, bare: GaussianPosterior, earlier: Motion) -> Array:
     """(r, r) inverse covariance of the quantities before the earlier recording, by what is known beside it.
 
-    The recording's information is subtracted from the present one; `TUNING.wider` limits the earlier standard
+    The recording's information is subtracted from the present one; `TUNING.earlier_sd` limits the earlier standard
     deviation.
     """
     left, directions = _left(posterior.precision, posterior.information(earlier))
@@ -274,7 +281,7 @@ def _left(matrix: Array, part: Array) -> tuple[Array, Array]:
     """(r,) shares of a positive matrix that a part of it leaves, and (r, r) directions D of them: D' matrix D = 1."""
     ridge = 1e-13 * np.diag(np.diag(matrix))  # against rounding
     shares, directions = scipy.linalg.eigh(part, matrix + ridge)
-    return np.clip(1.0 - shares, 1.0 / TUNING.wider**2, 1.0), directions
+    return np.clip(1.0 - shares, 1.0 / TUNING.earlier_sd**2, 1.0), directions
 
 
 def _turn(posterior: GaussianPosterior, model: Model) -> Array:
@@ -303,7 +310,7 @@ def _without(
         return posterior, found
     theta = np.concatenate([posterior.theta[place] for place in kept])
     base, turn, r = base_coefficients(bare_model), _turn(posterior, bare_model), len(posterior.coefficients)
-    precision = inverse_of(turn @ posterior.now[:r, :r] @ turn.T)
+    precision = inverse_of(turn @ posterior.covariance_now[:r, :r] @ turn.T)
     bare = replace(
         posterior,
         model=bare_model,
@@ -328,7 +335,7 @@ def _best_fitting(made: CompetingEffects) -> CompetingEffects:
 
 def _chosen(made: CompetingEffects, model: CompetingModel) -> list[CompetingForm]:
     """At most `TUNING.most_forms` forms; the one in the result comes first."""
-    forms, first = list(model.forms), int(model.own is not None)
+    forms, first = list(model.forms), int(model.amplitudes_found is not None)
     if len(forms) <= TUNING.most_forms:
         return forms
     if not made.recorded.any():
@@ -338,7 +345,7 @@ def _chosen(made: CompetingEffects, model: CompetingModel) -> list[CompetingForm
     return [*forms[:first], *(forms[k] for k in best)]
 
 
-def inseparable(made: CompetingEffects, motion: Motion) -> list[tuple[str, str]]:
+def indistinguishable(made: CompetingEffects, motion: Motion) -> list[tuple[str, str]]:
     """Pairs that no motion distinguishes: on a rich one, the columns of each span those of the other."""
     columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])

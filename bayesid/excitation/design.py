@@ -28,15 +28,15 @@ from bayesid.excitation.limits import check_limits
 from bayesid.excitation.resolvability import (
     WRONG,
     Excitation,
-    Expectation,
+    PlausibleRobots,
     JointFlips,
     condition_of,
-    expect,
+    plausible_robots,
     groups_of,
     joint_grams,
-    mistaken,
+    wrong_sign_probability,
     noise_tolerance,
-    turn_segments,
+    flip_segments,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.settings import MotionSettings, instants_of
@@ -64,7 +64,7 @@ class Quality(Excitation):
     @property
     def weak(self) -> Mask:
         """(S,) segments whose sign is more likely wrong than a tenth of the energy's is, at the noise tolerance."""
-        weak: Mask = mistaken(self.segments.resolvability * (self.noise / self.tolerance) ** 2) > WRONG
+        weak: Mask = wrong_sign_probability(self.segments.resolvability * (self.noise / self.tolerance) ** 2) > WRONG
         return weak
 
 
@@ -125,7 +125,7 @@ def design_for_robot(
     arm = robot.robot if isinstance(robot, Model) else robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(settings.limits, arm)
     model = robot if isinstance(robot, Model) else Model.of(arm, terms, _fastest(limits))
-    expectation = expect(model, seed, prior)
+    expectation = plausible_robots(model, seed, prior)
     search = _search(expectation, settings, limits)
     changes = CHANGES if settings.changes is None else settings.changes
     start, best = best_motion(search, changes, progress, seed)
@@ -143,17 +143,17 @@ def design_for_robot(
     )
 
 
-def _search(expectation: Expectation, settings: MotionSettings, limits: MotionLimits) -> MotionSearch:
+def _search(expectation: PlausibleRobots, settings: MotionSettings, limits: MotionLimits) -> MotionSearch:
     """For a period of the motion, from rest to rest in the middle of the limits."""
     robot, size = expectation.model.robot, expectation.size
     usual = reference_motion(robot, limits)
     noise = expectation.sigma(joint_grams(expectation.columns(usual)), len(usual), settings.noise)
-    density = TUNING.independent / float(np.mean(noise**2))
+    density = TUNING.independent_rate / float(np.mean(noise**2))
 
     def weights(motion: Motion) -> Array:
         return np.full((len(motion), robot.n_joints), density * period_of(motion))
 
-    def worth(information: Array) -> float:
+    def objective(information: Array) -> float:
         precision = size[:, None] * information * size + np.eye(len(size))
         return 2.0 * log_condition_of(information) - float(np.linalg.slogdet(precision)[1]) / len(size)
 
@@ -161,7 +161,9 @@ def _search(expectation: Expectation, settings: MotionSettings, limits: MotionLi
     period = settings.duration / settings.periods
     basis = SplineBasis(period, period / (TUNING.per_swing * settings.harmonics))
     middle = 0.5 * (np.array(limits.lower) + np.array(limits.upper))
-    return MotionSearch(expectation.columns, weights, worth, memory, Feasibility.of(None, limits, None), basis, middle)
+    return MotionSearch(
+        expectation.columns, weights, objective, memory, Feasibility.of(None, limits, None), basis, middle
+    )
 
 
 def _played(trajectory: SplineTrajectory, settings: MotionSettings) -> Motion:
@@ -170,17 +172,17 @@ def _played(trajectory: SplineTrajectory, settings: MotionSettings) -> Motion:
     return replace(trajectory.motion(t % trajectory.duration), t=t)
 
 
-def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
+def quality(expectation: PlausibleRobots, motion: Motion, noise: float) -> Quality:
     """What a motion is worth: figures over its independent samples, for the expected robots."""
-    step = -(-len(motion) // TUNING.judged)
+    step = -(-len(motion) // TUNING.assessed_instants)
     judged = motion[::step]
     columns, speed = expectation.columns(judged), expectation.model.robot.actuators(judged).dq
     grams, samples = joint_grams(columns), len(judged)
-    weight = min(1.0, TUNING.independent * float(motion.t[-1] - motion.t[0]) / samples)
+    weight = min(1.0, TUNING.independent_rate * float(motion.t[-1] - motion.t[0]) / samples)
     sigma = expectation.sigma(grams, samples, noise)
     flips = expectation.joint_flips(grams, sigma, weight, groups_of(list(range(len(grams)))))
     segments = [
-        turn_segments(columns, columns @ beta, speed, sd, weight)
+        flip_segments(columns, columns @ beta, speed, sd, weight)
         for beta, sd in zip(expectation.betas, sigma, strict=True)
     ]
     hardest = int(np.argmin([groups.resolvability.min() for groups in flips]))

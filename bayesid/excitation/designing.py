@@ -109,4 +109,6 @@ def design_excitation(  # noqa: PLR0913  options of either form
         raise InputError(
             "cannot be given with a result, which has its own", field="terms", remedy="leave them out, or say `about`"
         )
-    return design_next(subject, about, between, run=settings, recorded=recorded, criterion=criterion, progress=progress)
+    return design_next(
+        subject, about, between, settings=settings, recorded=recorded, criterion=criterion, progress=progress
+    )

@@ -20,7 +20,13 @@ import numpy as np
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
-from bayesid.excitation.resolvability import expect, expected_segments, information_of, mistaken, resolvability
+from bayesid.excitation.resolvability import (
+    plausible_robots,
+    expected_segments,
+    information_of,
+    wrong_sign_probability,
+    resolvability,
+)
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, SURE
 from bayesid.identification.identified_model import IdentifiedModel
@@ -47,7 +53,7 @@ class GaussianPosterior:
     model_error_covariance: Array  # (R, R) M
     gains: Integers  # (g,) 0-based joints whose gains are among the quantities
     density: Array  # (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance
-    supposed: bool = False  # whether the prior of some coefficients is the spread over random plausible robots
+    assumed_prior: bool = False  # whether the prior of some coefficients is the spread over random plausible robots
 
     def __len__(self) -> int:
         return len(self.names)
@@ -91,16 +97,16 @@ class GaussianPosterior:
         return inverse_of(self.precision + information)
 
     @cached_property
-    def now(self) -> Array:
+    def covariance_now(self) -> Array:
         """(R, R) present covariance, including model error."""
         return inverse_of(self.precision) + self.model_error_covariance
 
     @cached_property
     def root(self) -> Array:
         """(R, R) of that covariance: it is root root'."""
-        return root_of(self.now)
+        return root_of(self.covariance_now)
 
-    def open(self, sd: Array) -> Mask:
+    def undetermined(self, sd: Array) -> Mask:
         """(R,) whether standard deviations (R,) are more than `KNOWN` of the values; of logarithms, more than that."""
         relative = np.arange(len(self)) >= len(self.coefficients)
         return sd > KNOWN * np.where(relative, 1.0, np.abs(self.mean))
@@ -120,7 +126,9 @@ def gaussian_posterior(identified: IdentifiedModel, rate: float) -> GaussianPost
         values = scaled_spectrum(precision)[0]
         if values[0] > _ROUNDING * values[-1]:
             return posterior
-        return replace(posterior, precision=precision + np.diag(expect(model).size ** -2.0), supposed=True)
+        return replace(
+            posterior, precision=precision + np.diag(plausible_robots(model).size ** -2.0), assumed_prior=True
+        )
     drawn = base.project(draws.theta)
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
@@ -193,7 +201,7 @@ def certain_share(posterior: GaussianPosterior, motion: Motion) -> float:
     effort, speed = columns[:, :, :r] @ posterior.mean[:r], posterior.model.robot.actuators(motion).dq
     joint, start, _, gradient, energy = expected_segments(columns, effort, speed, weights)
     left = posterior.covariance(information_of(columns, weights))
-    certain = mistaken(resolvability(left, gradient, energy)) <= 1.0 - SURE
+    certain = wrong_sign_probability(resolvability(left, gradient, energy)) <= 1.0 - SURE
     n_samples, n = effort.shape
     size = np.add.reduceat((np.abs(effort) * (weights > 0.0)).T.ravel(), joint * n_samples + start)
     whole, sure = np.bincount(joint, size, n), np.bincount(joint, size * certain, n)

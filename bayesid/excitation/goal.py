@@ -25,38 +25,40 @@ class Goal:
     names: tuple[str, ...]  # (m,)
     forms: Array  # (m, R) coefficients of the combinations
     required_sd: Array  # (m,) sufficient standard deviations
-    never: tuple[str, ...] = ()  # sentences on what is not identifiable
+    remarks: tuple[str, ...] = ()  # sentences on what is not identifiable
 
-    def left(self, covariance: Array) -> Array:
+    def scaled_covariance(self, covariance: Array) -> Array:
         """(m, m) covariance of the combinations over the required sd, from that of the quantities (R, R)."""
         forms = self.forms / self.required_sd[:, None]
         return forms @ covariance @ forms.T
 
-    def spread(self, covariance: Array) -> float:
+    def log_det(self, covariance: Array) -> float:
         """Log det(1 + W^-1 F C F' W^-1): twice the remaining information about the combinations F, in nats.
 
         See :eq:`next-information`. D-optimality, except that a combination known to its required sd hardly counts
         (Chaloner and Verdinelli, Bayesian Experimental Design: A Review, 1995, section 2.2).
         """
-        left = self.left(covariance)
-        return float(np.linalg.slogdet(np.eye(len(left)) + left)[1])
+        scaled_covariance = self.scaled_covariance(covariance)
+        return float(np.linalg.slogdet(np.eye(len(scaled_covariance)) + scaled_covariance)[1])
 
     def mean_variance(self, covariance: Array) -> float:
         """Mean variance of the combinations over the required variance: A-optimality (ibid., section 2.3)."""
-        return float(np.trace(self.left(covariance)) / len(self.required_sd))
+        return float(np.trace(self.scaled_covariance(covariance)) / len(self.required_sd))
 
     def gain(self, before: Array, after: Array) -> float:
         """Information gain of a recording about the combinations, nats, from covariances (R, R) before and after it."""
-        return 0.5 * (self.spread(before) - self.spread(after))
+        return 0.5 * (self.log_det(before) - self.log_det(after))
 
 
-CRITERIA = {"D": Goal.spread, "A": Goal.mean_variance}
+CRITERIA = {"D": Goal.log_det, "A": Goal.mean_variance}
 """By name; the less, the better."""
 
 
-def open_coefficients(posterior: GaussianPosterior) -> list[int]:
+def undetermined_coefficients(posterior: GaussianPosterior) -> list[int]:
     """Coefficients whose standard deviation is more than `KNOWN` of their value."""
-    return np.flatnonzero(posterior.open(np.sqrt(np.diag(posterior.now)))[: len(posterior.coefficients)]).tolist()
+    return np.flatnonzero(
+        posterior.undetermined(np.sqrt(np.diag(posterior.covariance_now)))[: len(posterior.coefficients)]
+    ).tolist()
 
 
 def goal_of(posterior: GaussianPosterior, about: Sequence[str] = (), payload: str = "") -> Goal:
@@ -73,23 +75,25 @@ def goal_of(posterior: GaussianPosterior, about: Sequence[str] = (), payload: st
     """
     parts = [_named(posterior, name, payload) for name in about]
     if not about:
-        parts = [_of_places(posterior, open_coefficients(posterior) or list(range(len(posterior.coefficients))))]
+        parts = [
+            _of_places(posterior, undetermined_coefficients(posterior) or list(range(len(posterior.coefficients))))
+        ]
         parts += [_gains(posterior)] * (len(posterior.gains) > 1)
     names = [name for part in parts for name in part.names]
-    never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
+    remarks = tuple(dict.fromkeys(sentence for part in parts for sentence in part.remarks))
     if not names:
-        raise InputError("; ".join(never), field="about", remedy="name an identifiable quantity")
+        raise InputError("; ".join(remarks), field="about", remedy="name an identifiable quantity")
     first = [names.index(name) for name in dict.fromkeys(names)]
     forms, required_sd = (
         np.concatenate(each)[first] for each in zip(*((part.forms, part.required_sd) for part in parts), strict=True)
     )
-    return Goal(tuple(names[k] for k in first), forms, required_sd, never)
+    return Goal(tuple(names[k] for k in first), forms, required_sd, remarks)
 
 
-def _of_places(posterior: GaussianPosterior, chosen: list[int], never: tuple[str, ...] = ()) -> Goal:
-    sd = np.sqrt(np.diag(posterior.now))
+def _of_places(posterior: GaussianPosterior, chosen: list[int], remarks: tuple[str, ...] = ()) -> Goal:
+    sd = np.sqrt(np.diag(posterior.covariance_now))
     required_sd = np.maximum(KNOWN * np.abs(posterior.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
-    return Goal(tuple(posterior.names[k] for k in chosen), np.eye(len(posterior))[chosen], required_sd[chosen], never)
+    return Goal(tuple(posterior.names[k] for k in chosen), np.eye(len(posterior))[chosen], required_sd[chosen], remarks)
 
 
 def _named(posterior: GaussianPosterior, name: str, payload: str) -> Goal:
@@ -135,11 +139,11 @@ def _gains(posterior: GaussianPosterior) -> Goal:
     forms[np.arange(count - 1), r + 1 + np.arange(count - 1)] = 1.0
     first = int(posterior.gains[0]) + 1
     names = tuple(f"gain{j + 1}/gain{first}" for j in posterior.gains[1:])
-    never = (
+    remarks = (
         "no motion determines the common factor of the gains; a payload of known mass does (--payload KG~SD@LOG), or "
         "one exact gain",
     )
-    return Goal(names, forms, np.full(count - 1, KNOWN), never)
+    return Goal(names, forms, np.full(count - 1, KNOWN), remarks)
 
 
 def _payload(posterior: GaussianPosterior, payload: str) -> Goal:
@@ -152,12 +156,12 @@ def _payload(posterior: GaussianPosterior, payload: str) -> Goal:
     own = [place for term, place in terms if payload in term.payloads or term.needs_earlier]
     if own:
         return _of_places(posterior, _holding(posterior, [k for place in own for k in range(place.start, place.stop)]))
-    never = (
+    remarks = (
         "a payload is not distinguishable from the last link in one recording: record once without and once with it "
         "(--payload LABEL@LOG, or `bayesid payload`)",
     )
     last = [k for k, one in enumerate(posterior.model.parameters) if one.joint == n and one.name[:1] in "mJ"]
-    return _of_places(posterior, _holding(posterior, last), never)
+    return _of_places(posterior, _holding(posterior, last), remarks)
 
 
 def _signs(posterior: GaussianPosterior) -> Goal:
@@ -168,5 +172,5 @@ def _signs(posterior: GaussianPosterior) -> Goal:
     motion = reference_motion(posterior.model.robot)
     forms = root_of(posterior.information(motion) / (motion.t[-1] - motion.t[0])).T
     names = tuple(f"effort{k + 1}" for k in range(len(forms)))
-    never = ("motion design did not improve signs in 291 simulated logs",)
-    return Goal(names, forms, np.full(len(forms), TUNING.sign), never)
+    remarks = ("motion design did not improve signs in 291 simulated logs",)
+    return Goal(names, forms, np.full(len(forms), TUNING.sign_error), remarks)

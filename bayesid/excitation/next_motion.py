@@ -20,7 +20,7 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.competing import CompetingEffects, inseparable, make_competing
+from bayesid.excitation.competing import CompetingEffects, indistinguishable, make_competing
 from bayesid.excitation.gaussian_posterior import GaussianPosterior, certain_share, gaussian_posterior, reference_motion
 from bayesid.excitation.goal import CRITERIA, Goal, goal_of
 from bayesid.excitation.hypotheses import Hypotheses, hypotheses_after, hypotheses_of
@@ -72,23 +72,23 @@ class NextExperiment:
 
     known: GaussianPosterior  #: the result that it was designed for
     trajectory: SplineTrajectory  #: the motion, exact at every instant
-    run: MotionSettings  #: settings, limits and start with one number for each joint
+    settings: MotionSettings  #: settings, limits and start with one number for each joint
     goal: Goal | None  #: what it determines; None where it distinguishes hypotheses
     competing: tuple[CompetingEffects, ...]  #: classes of hypotheses that it distinguishes
     predicted: PredictedKnowledge  #: uncertainty after its recording
     #: the same after a random motion within the same limits, except those of efforts and collisions
     of_random: PredictedKnowledge
     feasibility: Feasibility  #: the limits that it keeps, by which its efforts are predicted
-    never: tuple[str, ...]  #: sentences on what is not identifiable, and on the assumptions of the predictions
+    remarks: tuple[str, ...]  #: sentences on what is not identifiable, and on the assumptions of the predictions
     unchecked: tuple[str, ...]  #: sentences on what was not checked
-    slow: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, so it may be played
+    allowed_speeds: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, so it may be played
     seconds: float  #: of the design
     correct: str | None = None  #: how the result's log was corrected as it was read: programs count as before that
 
     def __repr__(self) -> str:
         after, now = self.predicted.open, self.predicted.open_now
         lines = [
-            f"NextExperiment for {self.known.model.robot.name}: {self.run.duration:g} s at {self.run.rate:g} Hz",
+            f"NextExperiment for {self.known.model.robot.name}: {self.settings.duration:g} s at {self.settings.rate:g} Hz",
             f"coefficients  {now} of {len(self.predicted.names)} undetermined now, {after} after its recording if the "
             f"model is right, {self.predicted.open_lacking} at most ({self.of_random.open} after a random motion)",
             *(
@@ -103,7 +103,7 @@ class NextExperiment:
     @property
     def motion(self) -> Motion:
         """The motion at the controller's rate."""
-        return self.trajectory.motion(instants_of(self.run))
+        return self.trajectory.motion(instants_of(self.settings))
 
     @property
     def effort_band(self) -> tuple[Array, Array]:
@@ -118,13 +118,13 @@ class NextExperiment:
     @property
     def limits(self) -> MotionLimits:
         """Of the joints, one number each."""
-        assert isinstance(self.run.limits, MotionLimits)
-        return self.run.limits
+        assert isinstance(self.settings.limits, MotionLimits)
+        return self.settings.limits
 
     @property
     def clearance(self) -> CollisionModel | None:
         """The collision model."""
-        return shapes_of(self.run)
+        return shapes_of(self.settings)
 
     @property
     def checked(self) -> tuple[str, ...]:
@@ -133,9 +133,9 @@ class NextExperiment:
         said = ["positions, velocities and accelerations at every instant"]
         if limits.jerk is not None:
             said.append("jerks at every instant")
-        if self.feasibility.limits_effort:
-            carried = f", with {self.run.payload} on the flange" if self.run.payload else ""
-            said.append(f"efforts within {TUNING.band:g} standard deviations of their prediction{carried}")
+        if self.feasibility.has_effort_limits:
+            carried = f", with {self.settings.payload} on the flange" if self.settings.payload else ""
+            said.append(f"efforts within {TUNING.effort_sds:g} standard deviations of their prediction{carried}")
         if clearance is not None:
             said.append(f"distances of {clearance.margin:g} m at every instant: {clearance.source}")
         return tuple(said)
@@ -147,7 +147,7 @@ def design_next(
     about: Sequence[str] = (),
     between: Sequence[str] | Hypotheses = (),
     *,
-    run: MotionSettings = MotionSettings(),
+    settings: MotionSettings = MotionSettings(),
     recorded: Motion | None = None,
     criterion: str = "D",
     progress: Progress | Show = SILENT,
@@ -173,50 +173,52 @@ def design_next(
     progress = Progress.of(progress)
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
-    delayed = gaussian_posterior(identified, run.rate)  # a delay may be among the hypotheses
+    delayed = gaussian_posterior(identified, settings.rate)  # a delay may be among the hypotheses
     posterior = delayed.undelayed
-    _check(posterior, run, criterion)
-    unlimited, (limits, run) = run.limits is None, _settled(run, posterior, recorded)
-    feasibility = Feasibility.of(posterior, limits, shapes_of(run))
-    still = at_rest(SplineBasis(run.duration), np.array(run.start), run.payload)
+    _check(posterior, settings, criterion)
+    unlimited, (limits, settings) = settings.limits is None, _complete_settings(settings, posterior, recorded)
+    feasibility = Feasibility.of(posterior, limits, shapes_of(settings))
+    still = at_rest(SplineBasis(settings.duration), np.array(settings.start), settings.payload)
     _check_start(feasibility, still)
-    labelled = partial(replace, payload=np.array(run.payload))
+    labelled = partial(replace, payload=np.array(settings.payload))
     reference, random = (
-        labelled(reference_motion(posterior.model.robot, limits, each)) for each in (None, run.duration)
+        labelled(reference_motion(posterior.model.robot, limits, each)) for each in (None, settings.duration)
     )
     competing = tuple(
         make_competing(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes
     )
-    goal = None if competing else goal_of(posterior, about, run.payload)
+    goal = None if competing else goal_of(posterior, about, settings.payload)
     search = _search_of(posterior, criterion, goal, competing, feasibility, still)
-    usual = TUNING.telling_changes if goal is None else TUNING.changes
-    _, trajectory = best_motion(search, run.changes or (usual // TUNING.whole if search.whole else usual), progress)
-    alike = [pair for made in competing for pair in inseparable(made, reference)]
+    usual = TUNING.hypothesis_changes if goal is None else TUNING.coefficient_changes
+    _, trajectory = best_motion(
+        search, settings.changes or (usual // TUNING.whole_motion_factor if search.whole_motion else usual), progress
+    )
+    alike = [pair for made in competing for pair in indistinguishable(made, reference)]
     return NextExperiment(
         known=posterior,
         trajectory=trajectory,
-        run=run,
+        settings=settings,
         goal=goal,
         competing=competing,
-        predicted=_prediction(posterior, goal, competing, trajectory.motion(instants_of(run))),
+        predicted=_prediction(posterior, goal, competing, trajectory.motion(instants_of(settings))),
         of_random=_prediction(posterior, goal, competing, random),
         feasibility=feasibility,
-        never=(
-            *([_SUPPOSED] if posterior.supposed else []),
-            *(() if goal is None else goal.never),
+        remarks=(
+            *([_SUPPOSED] if posterior.assumed_prior else []),
+            *(() if goal is None else goal.remarks),
             *(f"{one} and {other} are not distinguishable: efforts are the same under both" for one, other in alike),
         ),
-        unchecked=_unchecked(run, limits, assumed=unlimited),
-        slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
+        unchecked=_unchecked(settings, limits, assumed=unlimited),
+        allowed_speeds=tuple(share for share in SPEEDS if _keeps_effort_limits_at(feasibility, trajectory, share)),
         seconds=time.perf_counter() - began,
         correct=as_corrected(identified.read_with),
     )
 
 
-def _check(posterior: GaussianPosterior, run: MotionSettings, criterion: str) -> None:
-    check_between(run.duration, 2.0, 600.0, "duration", "s")
-    check_between(run.rate, 10.0, 4000.0, "rate", "Hz")
-    payload = run.payload
+def _check(posterior: GaussianPosterior, settings: MotionSettings, criterion: str) -> None:
+    check_between(settings.duration, 2.0, 600.0, "duration", "s")
+    check_between(settings.rate, 10.0, 4000.0, "rate", "Hz")
+    payload = settings.payload
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
     if payload and payload not in posterior.model.payloads:
@@ -259,29 +261,29 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     return replace(result.identified, model_error_covariance=model_error_covariance)
 
 
-def _settled(
-    run: MotionSettings, posterior: GaussianPosterior, recorded: Motion | None
+def _complete_settings(
+    settings: MotionSettings, posterior: GaussianPosterior, recorded: Motion | None
 ) -> tuple[MotionLimits, MotionSettings]:
     """With limits and a start of one number for each joint."""
     robot = posterior.model.robot
-    limits = check_limits(run.limits, robot)
-    if run.limits is None and recorded is not None:
+    limits = check_limits(settings.limits, robot)
+    if settings.limits is None and recorded is not None:
         lower = np.minimum(limits.lower, recorded.q.min(axis=0)).tolist()
         upper = np.maximum(limits.upper, recorded.q.max(axis=0)).tolist()
         limits = replace(limits, lower=tuple(lower), upper=tuple(upper))
-    if run.effort_limits is not None:
-        efforts = np.asarray(run.effort_limits, dtype=float)
+    if settings.effort_limits is not None:
+        efforts = np.asarray(settings.effort_limits, dtype=float)
         if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
             said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:8])} for {robot.n_joints} joints"
             remedy = "give a positive number for each joint, or one for all, N m"
             raise InputError(said, field="MotionSettings.effort_limits", remedy=remedy)
-        limits = check_limits(replace(limits, effort=run.effort_limits), robot)
+        limits = check_limits(replace(limits, effort=settings.effort_limits), robot)
     start = 0.5 * np.add(limits.lower, limits.upper) if recorded is None else recorded.q[0]
-    start = np.asarray(start if run.start is None else run.start, dtype=float)
+    start = np.asarray(start if settings.start is None else settings.start, dtype=float)
     if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
         said = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
         raise InputError(said, field="start", remedy="give one position for each joint, in rad (m)")
-    return limits, replace(run, limits=limits, start=tuple(start.tolist()))
+    return limits, replace(settings, limits=limits, start=tuple(start.tolist()))
 
 
 def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
@@ -292,12 +294,12 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
             said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
             raise InputError(said, field="start", remedy="give a pose within the limits, or `limits` that hold it")
     mean, sd = (values[0] for values in feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3))))
-    for j in np.flatnonzero(np.abs(mean) + TUNING.band * sd > feasibility.effort)[:1].tolist():
-        needed = f"{mean[j]:.3g} +- {TUNING.band * sd[j]:.3g} N m"
+    for j in np.flatnonzero(np.abs(mean) + TUNING.effort_sds * sd > feasibility.effort)[:1].tolist():
+        needed = f"{mean[j]:.3g} +- {TUNING.effort_sds * sd[j]:.3g} N m"
         said = f"joint {j + 1} may need {needed} at the start, its limit is {feasibility.effort[j]:.3g} N m"
         remedy = "give another `start`, or identify with parameters from CAD (`ParameterPrior.nominal`)"
         raise InputError(said, field="limits", remedy=remedy)
-    if clearance is not None and not feasibility.clear(still, 0.0, still.duration):
+    if clearance is not None and not feasibility.keeps_distance(still, 0.0, still.duration):
         distance = float(clearance.distance(pose[None])[0])
         said = (
             f"the robot is {distance:.3f} m from itself or the floor at the start, the margin is {clearance.margin:g} m"
@@ -305,9 +307,9 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         raise InputError(said, field="start", remedy="give another pose, or a smaller `margin`")
 
 
-def shapes_of(run: MotionSettings) -> CollisionModel | None:
+def shapes_of(settings: MotionSettings) -> CollisionModel | None:
     """The collision model; None where there is none."""
-    return None if isinstance(run.clearance, NoShapes) else run.clearance
+    return None if isinstance(settings.clearance, NoShapes) else settings.clearance
 
 
 def _search_of(
@@ -333,7 +335,7 @@ def _search_of(
         return np.concatenate([one.columns(motion) for one in competing], axis=2)
 
     def untold_of(information: Array) -> float:
-        return sum(one.worth(information[place, place]) for one, place in zip(competing, own, strict=True))
+        return sum(one.objective(information[place, place]) for one, place in zip(competing, own, strict=True))
 
     return MotionSearch(
         columns, competing[0].posterior.weights, untold_of, any(one.memory for one in competing), *to_keep
@@ -349,7 +351,7 @@ def _prediction(
         information = information_of(one.columns(motion), one.posterior.weights(motion))
         factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
     sd_now, sd, sd_lacking = (
-        np.sqrt(np.diag(one)) for one in (posterior.now, after, after + posterior.model_error_covariance)
+        np.sqrt(np.diag(one)) for one in (posterior.covariance_now, after, after + posterior.model_error_covariance)
     )
     return PredictedKnowledge(
         names=posterior.names,
@@ -361,13 +363,13 @@ def _prediction(
         gain=0.0 if goal is None else goal.gain(inverse_of(posterior.precision), after),
         log10_bayes_factors=factors,
         certain_signs=certain_share(posterior, motion),
-        open_now=int(posterior.open(sd_now).sum()),
-        open=int(posterior.open(sd).sum()),
-        open_lacking=int(posterior.open(sd_lacking).sum()),
+        open_now=int(posterior.undetermined(sd_now).sum()),
+        open=int(posterior.undetermined(sd).sum()),
+        open_lacking=int(posterior.undetermined(sd_lacking).sum()),
     )
 
 
-def _unchecked(run: MotionSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
+def _unchecked(settings: MotionSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
     usual = "the robot's own joint limits: default limits, extended to the log's range, are used (--limits)"
     said = [usual] if assumed else []
     if limits.effort is None:
@@ -377,22 +379,22 @@ def _unchecked(run: MotionSettings, limits: MotionLimits, *, assumed: bool) -> t
         said.append(f"efforts of joints {joints}: no limits are known (--limits with `effort`)")
     if limits.jerk is None:
         said.append("jerks: no limits are known (--limits with `jerk`)")
-    clearance = shapes_of(run)
+    clearance = shapes_of(settings)
     if clearance is None:
-        reason = run.clearance.reason if isinstance(run.clearance, NoShapes) else "no shapes are known"
+        reason = settings.clearance.reason if isinstance(settings.clearance, NoShapes) else "no shapes are known"
         why = f"no collision model: {reason}"
         said.append(f"collisions: {why} (--capsules R, or --robot with a URDF that has collision shapes)")
     else:
         said += [f"distances of {sentence}" for sentence in clearance.not_watched]
-        if run.payload:
-            said.append(f"distances of {run.payload}: no shape of it is known (--tool may reach around it)")
+        if settings.payload:
+            said.append(f"distances of {settings.payload}: no shape of it is known (--tool may reach around it)")
     return tuple(said)
 
 
-def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
+def _keeps_effort_limits_at(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
     """Whether efforts keep their limits where the motion is played at a share of its speed."""
     motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
-    largest = largest_efforts(*feasibility.effort_band(motion)) if feasibility.limits_effort else -np.inf
+    largest = largest_efforts(*feasibility.effort_band(motion)) if feasibility.has_effort_limits else -np.inf
     return bool(np.all(largest <= feasibility.effort))
 
 

@@ -24,7 +24,7 @@ the wrong sign if only single segments and groups of joints could be flipped,
     sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
 
 w_F the share of the energy in F or in its complement, whichever is less. It ranks motions; it does not predict
-errors. At most `TUNING.independent` samples a second count as independent, as residuals are coloured.
+errors. At most `TUNING.independent_rate` samples a second count as independent, as residuals are coloured.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class SegmentFlips:
     @property
     def doubtful(self) -> float:
         """Expected share of the energy with the wrong sign, if each segment is flipped alone."""
-        return float(self.share @ mistaken(self.resolvability))
+        return float(self.share @ wrong_sign_probability(self.resolvability))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ class Excitation:
     @property
     def undecided(self) -> tuple[int, ...]:
         """Coefficients whose sd after the log is more than half of their usual size."""
-        return tuple(np.flatnonzero(self.uncertainty > TUNING.decided).tolist())
+        return tuple(np.flatnonzero(self.uncertainty > TUNING.determined_sd).tolist())
 
 
 # ---- Flipped signs ----
@@ -106,7 +106,7 @@ def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
     return 4.0 * np.maximum(energy - explained, 0.0)
 
 
-def mistaken(resolvability: Array) -> Array:
+def wrong_sign_probability(resolvability: Array) -> Array:
     """Probability that noise makes flipped signs look better than the true ones, Phi(-sqrt(R) / 2)."""
     probability: Array = ndtr(-0.5 * np.sqrt(resolvability))
     return probability
@@ -118,7 +118,7 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
     resolved = np.concatenate([joints.resolvability, segments.resolvability])
 
     def excess(log_noise: float) -> float:
-        return float(share @ mistaken(resolved * noise**2 * np.exp(-2.0 * log_noise))) - WRONG
+        return float(share @ wrong_sign_probability(resolved * noise**2 * np.exp(-2.0 * log_noise))) - WRONG
 
     least, most = 1e-6, 1e6  # no sensor is as good, nothing is shown beyond
     if excess(np.log(least)) >= 0.0:
@@ -171,7 +171,7 @@ def expected_segments(
     return joint, first - joint * n_samples, end - joint * n_samples, gradient, energy
 
 
-def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
+def flip_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
     """Cost of flipping each segment of a motion with known efforts (N, n), N m.
 
     Arguments as for `expected_segments`; each sample stands for so many independent ones, with noise sigma (n,), N m.
@@ -182,7 +182,9 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     return SegmentFlips(joint, start, end, energy / max(float(energy.sum()), TINY), cost)
 
 
-def turn_measured(normal_equations: NormalEquations, start: Integers, end: Integers, weight: float) -> SegmentFlips:
+def flip_measured_segments(
+    normal_equations: NormalEquations, start: Integers, end: Integers, weight: float
+) -> SegmentFlips:
     """Cost of flipping each segment of a log, from its own |effort|; segments of known sign are left out.
 
     The moments of the log's S segments are in units of the noise; they begin and end at samples (S,), each of which
@@ -208,7 +210,7 @@ def _pseudo_inverse(gram: Array) -> Array:
 
 # ---- Plausible robots ----
 @dataclass(frozen=True)
-class Expectation:
+class PlausibleRobots:
     """K plausible robots with the same kinematics."""
 
     model: Model  # robot and terms
@@ -257,17 +259,17 @@ class Expectation:
         return np.sqrt(np.diag(np.linalg.inv(precision)))
 
 
-def expect(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()) -> Expectation:
+def plausible_robots(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()) -> PlausibleRobots:
     """Draws random plausible robots; stated prior means replace drawn parameters.
 
     Raises:
         InputError: the prior names a parameter that the model lacks, or a value cannot be used.
     """
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
-    drawn = np.array([random_parameters(model, rng=rng) for _ in range(TUNING.sized)])
+    drawn = np.array([random_parameters(model, rng=rng) for _ in range(TUNING.size_draws)])
     size = np.sqrt(np.mean(coefficients.project(drawn) ** 2, axis=0))
     stated = nominal_parameters(prior, model.parameters).mean
-    return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
+    return PlausibleRobots(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
 
 
 def information_of(columns: Array, weights: Array) -> Array:

@@ -27,7 +27,7 @@ from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _Candidate:
     """A motion, and what is known of it."""
 
     trajectory: SplineTrajectory
@@ -43,8 +43,8 @@ class MotionSearch:
 
     columns: Callable[[Motion], Array]  # of a motion (N, n) those of all that is to be told, (N, n, R)
     weights: Callable[[Motion], Array]  # what each of its samples counts for, (N, n)
-    worth: Callable[[Array], float]  # of information (R, R); the less, the better
-    whole: bool  # whether columns depend on the whole motion
+    objective: Callable[[Array], float]  # of information (R, R); the less, the better
+    whole_motion: bool  # whether columns depend on the whole motion
     feasibility: Feasibility  # what to keep
     basis: SplineBasis  # of the motion
     pose: Array  # (n,) at both ends, rad
@@ -53,7 +53,7 @@ class MotionSearch:
     @cached_property
     def instants(self) -> Array:
         """(N,) s, at which information is summed."""
-        rate = min(TUNING.instants, TUNING.per_knot / self.basis.spacing)
+        rate = min(TUNING.search_rate, TUNING.per_knot / self.basis.spacing)
         return np.linspace(0.0, self.basis.duration, round(self.basis.duration * rate) + 1)
 
     @cached_property
@@ -68,19 +68,19 @@ class MotionSearch:
     def run(self, changes: int, seed: int) -> tuple[SplineTrajectory, SplineTrajectory]:
         """The best of some random motions, and what so many changes that are tried make of it."""
         rng = np.random.default_rng(seed)
-        starts = [self._judged(self._start(rng)) for _ in range(TUNING.starts)]
+        starts = [self._evaluated(self._start(rng)) for _ in range(TUNING.starts)]
         first = best = min(starts, key=lambda tried: tried.cost)
         opposite: Array | None = None
         for _ in range(changes):
             step = self._step(best.trajectory, rng) if opposite is None else opposite
-            tried = self._changed(best, step)
+            tried = self._better_of(best, step)
             opposite = -step if tried is best and opposite is None else None
             best = tried
         return first.trajectory, best.trajectory
 
     def cost(self, trajectory: SplineTrajectory) -> float:
         """The worth of a motion; the less, the better."""
-        return self._judged(trajectory).cost
+        return self._evaluated(trajectory).cost
 
     def _start(self, rng: np.random.Generator) -> SplineTrajectory:
         """A random motion that uses the limits, smaller and smaller until a robot can run it; at last none."""
@@ -89,10 +89,10 @@ class MotionSearch:
         step[:ENDS] = step[-ENDS:] = 0.0
         for joint in range(len(self.pose)):
             alone = np.where(np.arange(len(self.pose)) == joint, step, 0.0)
-            step[:, joint] *= self.feasibility.shortened(still, alone)
+            step[:, joint] *= self.feasibility.feasible_share(still, alone)
         for _ in range(TUNING.halvings):
             moved = replace(still, control=still.control + step)
-            if self.feasibility.possible(moved):
+            if self.feasibility.is_feasible(moved):
                 return moved
             step = 0.5 * step
         return still
@@ -102,17 +102,17 @@ class MotionSearch:
         can, places, n = self.feasibility, self.basis.places, len(self.pose)
         limits = MotionLimits(*(tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])))
         wave = random_trajectory(n, self.basis.duration, rng=int(rng.integers(2**31)), limits=limits)
-        away = np.minimum(places, self.basis.duration - places) / min(TUNING.rise, 0.5 * self.basis.duration)
+        away = np.minimum(places, self.basis.duration - places) / min(TUNING.ramp, 0.5 * self.basis.duration)
         share = np.sin(0.5 * np.pi * np.clip(away, 0.0, 1.0)) ** 2
         return np.asarray(self.pose + share[:, None] * (wave.motion(places).q - self.pose))
 
-    def _judged(
-        self, trajectory: SplineTrajectory, other: _Tried | None = None, start: float = 0.0, end: float = 0.0
-    ) -> _Tried:
+    def _evaluated(
+        self, trajectory: SplineTrajectory, other: _Candidate | None = None, start: float = 0.0, end: float = 0.0
+    ) -> _Candidate:
         """A motion; one that differs from another between two instants (s) alone is looked at where it does."""
         motion = self._motion(trajectory)
         weights = self.weights(motion)
-        if other is None or self.whole:
+        if other is None or self.whole_motion:
             columns = self.columns(motion)
             information = information_of(columns, weights)
         else:
@@ -121,27 +121,27 @@ class MotionSearch:
             changed[window], columns[window] = True, self.columns(motion[window])
             before = information_of(other.columns[changed], other.weights[changed])
             information = other.information - before + information_of(columns[changed], weights[changed])
-        return _Tried(trajectory, columns, weights, information, self.worth(information))
+        return _Candidate(trajectory, columns, weights, information, self.objective(information))
 
-    def _changed(self, best: _Tried, step: Array) -> _Tried:
+    def _better_of(self, best: _Candidate, step: Array) -> _Candidate:
         """The motion with a change (K, n) of its control points, if that is better and possible."""
-        share, rows = self.feasibility.shortened(best.trajectory, step), np.flatnonzero(step.any(axis=1))
+        share, rows = self.feasibility.feasible_share(best.trajectory, step), np.flatnonzero(step.any(axis=1))
         if not share > 0.0:
             return best
         moved = replace(best.trajectory, control=best.trajectory.control + share * step)
         start, end = float(self.basis.knots[rows[0]]), float(self.basis.knots[rows[-1] + DEGREE + 1])
-        tried = self._judged(moved, best, start, end)
-        better = tried.cost < best.cost and self.feasibility.possible(moved, start, end)
+        tried = self._evaluated(moved, best, start, end)
+        better = tried.cost < best.cost and self.feasibility.is_feasible(moved, start, end)
         return tried if better else best
 
     # ---- Changes ----
     def _step(self, trajectory: SplineTrajectory, rng: np.random.Generator) -> Array:
         """(K, n) a change of the control points."""
         n = len(self.pose)
-        kinds = (self._bump, self._constant_speed, self._again)
-        count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < TUNING.several else 1
+        kinds = (self._bump, self._constant_speed, self._repetition)
+        count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < TUNING.several_joints else 1
         step = np.zeros_like(trajectory.control)
-        kind = kinds[rng.choice(len(kinds), p=TUNING.kinds)]
+        kind = kinds[rng.choice(len(kinds), p=TUNING.change_probabilities)]
         span = self._span(rng)
         for joint in rng.choice(n, count, replace=False).tolist():
             step[span, joint] = kind(trajectory.control[:, joint], joint, span, rng)
@@ -150,24 +150,24 @@ class MotionSearch:
     def _span(self, rng: np.random.Generator) -> slice:
         """Control points of a change: none of the ends."""
         free = len(self.basis) - 2 * ENDS
-        width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(TUNING.widest * free, 2.0)))), 1, free))
+        width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(TUNING.widest_change * free, 2.0)))), 1, free))
         first = ENDS + int(rng.integers(0, free - width + 1))
         return slice(first, first + width)
 
     def _bump(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """A smooth bump, either way."""
         full, width = self.feasibility.upper[joint] - self.feasibility.lower[joint], span.stop - span.start
-        size = full * np.exp(rng.uniform(np.log(TUNING.smallest), 0.0))
+        size = full * np.exp(rng.uniform(np.log(TUNING.smallest_bump), 0.0))
         phase = (np.arange(width) + 1.0) / (width + 1.0)
         return np.asarray(rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2)
 
     def _constant_speed(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """A stretch of constant speed from where the joint is."""
-        speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest), 0.0))
+        speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest_speed), 0.0))
         steps = np.arange(span.stop - span.start) * self.basis.duration / (len(self.basis) - DEGREE)
         return np.asarray(control[span.start - 1] + rng.choice([-1.0, 1.0]) * speed * steps - control[span])
 
-    def _again(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
+    def _repetition(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """What the joint does at another time."""
         width = span.stop - span.start
         other = int(rng.integers(0, len(self.basis) - width + 1))

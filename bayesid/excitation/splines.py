@@ -9,7 +9,7 @@ ends, which leaves no velocity and no acceleration there. A control point moves 
 
 A motion that violates a limit is no candidate of a search: steps that lead to one are shortened until they touch the
 limit of position, velocity, acceleration or jerk, and refused where they lead to efforts beyond theirs or to a
-collision. The effort of joint j may be anything within `TUNING.band` standard deviations of the prediction. Between
+collision. The effort of joint j may be anything within `TUNING.effort_sds` standard deviations of the prediction. Between
 samples it is bounded by the larger of its neighbours and their second differences: a curve leaves the chord of its
 samples by an eighth of that (Davis, Interpolation and Approximation, 1975, theorem 3.1.1).
 """
@@ -65,7 +65,11 @@ class SplineBasis:
     def edges(self) -> Array:
         """(M + 1,) s, between which Bernstein coefficients are."""
         knots = np.unique(self.knots)
-        return np.interp(np.arange(TUNING.halves * (len(knots) - 1) + 1) / TUNING.halves, np.arange(len(knots)), knots)
+        return np.interp(
+            np.arange(TUNING.pieces_per_interval * (len(knots) - 1) + 1) / TUNING.pieces_per_interval,
+            np.arange(len(knots)),
+            knots,
+        )
 
     @cached_property
     def _curves(self) -> tuple[BSpline, ...]:
@@ -155,7 +159,7 @@ class Feasibility:
         """(n,) least and largest of the d-th derivative."""
         return (-self.rates[order - 1], self.rates[order - 1]) if order else (self.lower, self.upper)
 
-    def shortened(self, trajectory: SplineTrajectory, step: Array) -> float:
+    def feasible_share(self, trajectory: SplineTrajectory, step: Array) -> float:
         """How much, from 0 to 1, of a step (K, n) of the control points stays within position, velocity and so on.
 
         Zero where the motion is at a limit already, beyond which the step leads: rounding does not decide by how much.
@@ -187,13 +191,13 @@ class Feasibility:
         return columns @ posterior.mean[:r], np.asarray(np.linalg.norm(columns @ posterior.root[:r], axis=2))
 
     @property
-    def limits_effort(self) -> bool:
+    def has_effort_limits(self) -> bool:
         """Whether any effort has a limit."""
         return self.posterior is not None and bool(np.isfinite(self.effort).any())
 
-    def bears(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
+    def keeps_effort_limits(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
         """Whether efforts keep their limits from one instant to another, s, and between samples."""
-        return not self.limits_effort or bool((self.largest_efforts(trajectory, start, end) <= self.effort).all())
+        return not self.has_effort_limits or bool((self.largest_efforts(trajectory, start, end) <= self.effort).all())
 
     def largest_efforts(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> Array:
         """(n,) largest |effort| of a motion with its band, from one instant to another, s.
@@ -209,7 +213,7 @@ class Feasibility:
         at = every[first : int(np.ceil(last / step)) + _BESIDE + 1]
         return largest_efforts(*self.effort_band(trajectory.motion(at)))
 
-    def clear(self, trajectory: SplineTrajectory, start: float, end: float) -> bool:
+    def keeps_distance(self, trajectory: SplineTrajectory, start: float, end: float) -> bool:
         """Whether the robot keeps clear from one instant to another, s, and between them."""
         if self.clearance is None:
             return True
@@ -222,22 +226,22 @@ class Feasibility:
 
         return self.clearance.stays_clear(path, edges[first : last + 1], trajectory.speeds()[first:last])
 
-    def possible(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
+    def is_feasible(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
         """Whether a robot can run the motion, from one instant to another where all else is known to be possible."""
         end = trajectory.duration if end is None else end
-        within = self.within_limits(trajectory) and self.bears(trajectory, start, end)
-        return within and self.clear(trajectory, start, end)
+        within = self.within_limits(trajectory) and self.keeps_effort_limits(trajectory, start, end)
+        return within and self.keeps_distance(trajectory, start, end)
 
 
 def fine_steps(duration: float) -> int:
-    """Steps of about `TUNING.fine` in a duration, s."""
-    return max(2, int(np.ceil(duration / TUNING.fine)))
+    """Steps of about `TUNING.effort_step` in a duration, s."""
+    return max(2, int(np.ceil(duration / TUNING.effort_step)))
 
 
 def largest_efforts(mean: Array, sd: Array) -> Array:
     """(n,) largest |effort| with its band, between samples too, of those at N even instants (N, n), three or more."""
     largest = np.zeros(mean.shape[1])
-    for side in (mean + TUNING.band * sd, TUNING.band * sd - mean):
+    for side in (mean + TUNING.effort_sds * sd, TUNING.effort_sds * sd - mean):
         bent = np.pad(np.abs(np.diff(side, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
         between = np.maximum(side[1:], side[:-1]) + 0.125 * np.maximum(bent[1:], bent[:-1])
         largest = np.maximum(largest, between.max(axis=0))

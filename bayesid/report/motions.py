@@ -211,7 +211,7 @@ def save_next_motion(design: NextExperiment, folder: str | Path) -> Path:
     def write(place: Path) -> None:
         from bayesid.report.plot.motions import planned_motion  # matplotlib takes a second to import
 
-        programs = save_programs(planned(design), place, design.slow)
+        programs = save_programs(planned(design), place, design.allowed_speeds)
         write_table(place / "predicted.csv", predicted_rows(design.predicted))
         write_json(place / NEXT_MARKER, next_summary(design, programs))
         planned_motion(picture(design)).savefig(place / "next_motion.svg", transparent=False, facecolor="white")
@@ -221,7 +221,7 @@ def save_next_motion(design: NextExperiment, folder: str | Path) -> Path:
 
 def planned(design: NextExperiment) -> PlannedMotion:
     """The motion for programs: positions as in the uncorrected log."""
-    robot, run = design.known.model.robot, design.run
+    robot, settings = design.known.model.robot, design.settings
     positions, _ = corrections(design.correct, robot.n_joints)
     joints = [(robot.joints[j], j + 1) for j in np.argsort(positions.order)]
 
@@ -235,8 +235,8 @@ def planned(design: NextExperiment) -> PlannedMotion:
         joint_names=tuple(joint.name or f"joint{j}" for joint, j in joints),
         prismatic=tuple(joint.prismatic for joint, _ in joints),
         at=recorded,
-        duration=run.duration,
-        rate=run.rate,
+        duration=settings.duration,
+        rate=settings.rate,
         checked=design.checked,
         not_checked=design.unchecked,
     )
@@ -258,7 +258,7 @@ def picture(design: NextExperiment) -> Any:
         motion=motion,
         limits=limits,
         effort=effort,
-        effort_band=(effort - EXCITATION.band * sd, effort + EXCITATION.band * sd),
+        effort_band=(effort - EXCITATION.effort_sds * sd, effort + EXCITATION.effort_sds * sd),
         poses=extreme_poses(robot, motion, distance),
         distance=distance,
         margin=None if clearance is None else clearance.margin,
@@ -285,20 +285,20 @@ def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
 
 def next_summary(design: NextExperiment, programs: Programs) -> dict[str, Any]:
     """next_motion.json: predicted knowledge, what no motion shows, limits given and reached, checks."""
-    run, after, limits, clearance = design.run, design.predicted, design.limits, design.clearance
+    settings, after, limits, clearance = design.settings, design.predicted, design.limits, design.clearance
     given = taken(limits, "lower", "upper", "velocity", "acceleration", "jerk", "effort")
     distance = None if clearance is None else clearance.distance(design.motion.q).min()
     return as_object(
         {
             "robot": design.known.model.robot.name,
-            **taken(run, "duration", "rate", start=run.start or (), payload=run.payload),
+            **taken(settings, "duration", "rate", start=settings.start or (), payload=settings.payload),
             "about": () if design.goal is None else design.goal.names,
             "information_gain_nats": after.gain,
             **taken(after, "open_now", "open", "certain_signs", open_if_model_lacks_as_much=after.open_lacking),
             "open_after_random_motion": design.of_random.open,
             "log10_bayes_factors": _factors(after),
             "log10_bayes_factors_of_random_motion": _factors(design.of_random),
-            "no_motion_tells": design.never,
+            "no_motion_tells": design.remarks,
             **taken(design, "checked", "seconds", not_checked=design.unchecked),
             "limits": {name: None if limit is None else np.atleast_1d(limit) for name, limit in given.items()},
             "reached": {**_reached(design.motion), "effort_with_band": design.largest_effort, "distance": distance},
@@ -318,15 +318,15 @@ def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
 
 def next_motion_text(design: NextExperiment) -> str:
     """Predicted knowledge, what no motion shows, use of the limits, and checks."""
-    run, predicted = design.run, design.predicted
-    carried = f", with {run.payload} on the flange" if run.payload else ""
+    settings, predicted = design.settings, design.predicted
+    carried = f", with {settings.payload} on the flange" if settings.payload else ""
     lines = [
-        f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest{carried}",
+        f"{design.known.model.robot.name}: {settings.duration:g} s at {settings.rate:g} Hz, from rest to rest{carried}",
         *(_of_rivals(predicted, design.of_random) if design.goal is None else _of_goal(design, design.goal.names)),
         f"certain signs: {percent(predicted.certain_signs, 1)} of |effort| "
         f"(random motion: {percent(design.of_random.certain_signs, 1)})",
         "the random motion ignores limits of efforts and distances",
-        *(f"- {sentence}" for sentence in design.never),
+        *(f"- {sentence}" for sentence in design.remarks),
         "",
         table([*_JOINT, "effort"], _joints(design)),
         *([] if design.correct is None else [f"programs: positions {_COUNT} ({design.correct}); {_MODEL_COUNT}"]),
@@ -355,7 +355,7 @@ def _of_goal(design: NextExperiment, names: Sequence[str]) -> Iterator[str]:
 
 
 def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> Iterator[str]:
-    threshold, factors = EXCITATION.telling, predicted.log10_bayes_factors
+    threshold, factors = EXCITATION.decisive, predicted.log10_bayes_factors
     rows = [
         [*pair, f"{value:.3g}", "yes" if value >= threshold else "no", f"{random.log10_bayes_factors[pair]:.3g}"]
         for pair, value in factors.items()

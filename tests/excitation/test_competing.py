@@ -13,7 +13,7 @@ from bayesid.effects.drive import Delay
 from bayesid.effects.friction import StribeckFriction
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.errors import InputError
-from bayesid.excitation.competing import inseparable, make_competing
+from bayesid.excitation.competing import indistinguishable, make_competing
 from bayesid.excitation.gaussian_posterior import gaussian_posterior, reference_motion
 from bayesid.excitation.hypotheses import parse_key
 
@@ -115,7 +115,7 @@ def test_the_expected_factor_is_that_of_draws_without_an_earlier_recording(known
         )
         assert_is_mean(expected[a.name, b.name], factors)
     most = 4.0 * np.log(10.0)  # what is told clearly counts no more
-    assert competing.worth(information(competing, motion)) == pytest.approx(
+    assert competing.objective(information(competing, motion)) == pytest.approx(
         -sum(min(value, most) for value in expected.values())
     )
 
@@ -148,16 +148,18 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
     known = quiet(gaussian_posterior(result, 100.0), 0.5)
     competing = make_competing(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
     stribeck, drift = competing.competing
-    assert drift.own is None
-    np.testing.assert_array_equal(stribeck.own, result.theta[result.model.places[-1]])
+    assert drift.amplitudes_found is None
+    np.testing.assert_array_equal(stribeck.amplitudes_found, result.theta[result.model.places[-1]])
     assert [term.name for term in competing.posterior.model.terms] == list(TERMS)
     assert len(stribeck.forms) > 1
     assert len(drift.forms) > 1
     before = np.diag(np.linalg.inv(competing.prior))
-    assert np.all(before >= 0.99 * np.diag(competing.posterior.now))  # the earlier log has told something of each
-    assert np.median(before / np.diag(competing.posterior.now)) > 2.0
+    assert np.all(
+        before >= 0.99 * np.diag(competing.posterior.covariance_now)
+    )  # the earlier log has told something of each
+    assert np.median(before / np.diag(competing.posterior.covariance_now)) > 2.0
     first = stribeck.forms[0]
-    truth = first, np.concatenate([competing.posterior.mean, stribeck.own])
+    truth = first, np.concatenate([competing.posterior.mean, stribeck.amplitudes_found])
     expected = competing.expected(information(competing, motion))
     own = truth[1], after(competing, earlier, first, truth)[1]  # about its amplitudes, not drawn to zero by their prior
     others = [(form, *after(competing, earlier, form, truth)[:2]) for form in drift.forms]
@@ -181,11 +183,11 @@ def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, m
     competing = make_competing(distorted, keys(key, "torque_offset:2"), None, reference)
     whole = competing.competing[0]
     assert whole.name == key
-    assert whole.own is not None
+    assert whole.amplitudes_found is not None
     fine = smooth_motion(3, 1.2, 200.0, seed=21)
     columns = competing.columns(fine)
     plain = columns[:, :, : len(competing.posterior)] @ competing.posterior.mean
-    change = columns[:, :, whole.forms[0].columns] @ whole.own
+    change = columns[:, :, whole.forms[0].columns] @ whole.amplitudes_found
     want = replace(competing.posterior.model, distortions=(distortion,)).effort(fine, competing.posterior.theta) - plain
     scale = np.abs(want).max()
     assert scale > 0.05
@@ -197,11 +199,11 @@ def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
     """A gain that is wrong in all efforts of a joint is no load; the drift of a joint under another name is itself."""
     competing = make_competing(known, keys("gain_error:3", "thermal_drift:1"), None, reference)
     gain, drift = competing.competing
-    assert inseparable(competing, reference) == []
+    assert indistinguishable(competing, reference) == []
     friction = make_competing(known, keys("coulomb_friction:2", "stribeck_friction:2"), None, reference)
-    assert inseparable(friction, reference) == []  # the model has the one, not the other's second column
+    assert indistinguishable(friction, reference) == []  # the model has the one, not the other's second column
     as_gain = replace(drift, forms=(*drift.forms, replace(gain.forms[0])))  # one form that is alike is enough
-    assert inseparable(replace(competing, competing=(gain, as_gain)), reference) == [
+    assert indistinguishable(replace(competing, competing=(gain, as_gain)), reference) == [
         ("gain_error:3", "thermal_drift:1")
     ]
 
@@ -224,7 +226,7 @@ def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_ma
     plain, changed = (
         make_competing(known, (key, other), earlier, earlier, {key: step}) for step in ({}, {"Fc3": 0.25})
     )
-    assert (plain.competing[0].own, changed.competing[0].own) == (None, [0.25])
+    assert (plain.competing[0].amplitudes_found, changed.competing[0].amplitudes_found) == (None, [0.25])
     moved = np.zeros(len(known))
     moved[place] = 0.25
     np.testing.assert_allclose(plain.posterior.mean - changed.posterior.mean, moved, atol=1e-12)

@@ -16,14 +16,14 @@ from bayesid.excitation.design import design_for_robot
 from bayesid.excitation.resolvability import (
     JointFlips,
     SegmentFlips,
-    expect,
+    plausible_robots,
     flip_joints,
     groups_of,
     joint_grams,
-    mistaken,
+    wrong_sign_probability,
     noise_tolerance,
-    turn_measured,
-    turn_segments,
+    flip_measured_segments,
+    flip_segments,
 )
 from bayesid.excitation.settings import MotionSettings
 from bayesid.log.segments import Segments
@@ -73,7 +73,7 @@ def least_cost(columns, target, sigma):
 def test_a_turned_segment_costs_what_least_squares_says(problem):
     columns, beta, motion, sigma = problem
     effort = columns @ beta
-    flips = turn_segments(columns, effort, motion.dq, sigma, weight=1.0)
+    flips = flip_segments(columns, effort, motion.dq, sigma, weight=1.0)
     rounding = 1e-11 * np.sum((effort / sigma) ** 2)
     assert min(np.bincount(flips.joint)) > 2
     assert flips.share.sum() == pytest.approx(1.0)
@@ -108,14 +108,14 @@ def test_turned_joints_cost_what_least_squares_says(problem):
 def test_segments_of_a_log_agree_with_those_of_the_expectation(problem, model):
     columns, beta, motion, sigma = problem
     effort = columns @ beta
-    want = turn_segments(columns, effort, motion.dq, sigma, weight=0.3)
+    want = flip_segments(columns, effort, motion.dq, sigma, weight=0.3)
     known = np.zeros(len(want.joint), dtype=np.int64)
     known[2] = 1
     segments = Segments(want.joint, want.start, want.end, known, np.ones(len(known), dtype=bool))
     found = normal_equations(
         model, base_coefficients(model), motion, np.abs(effort), segments, most_individual=0
     ).scaled(sigma)
-    have = turn_measured(found, segments.start, segments.end, weight=0.3)
+    have = flip_measured_segments(found, segments.start, segments.end, weight=0.3)
     np.testing.assert_allclose(have.resolvability, np.delete(want.resolvability, 2), rtol=1e-6, atol=1e-6)
     np.testing.assert_array_equal(have.start, np.delete(want.start, 2))
     np.testing.assert_allclose(have.share, np.delete(want.share, 2))
@@ -136,7 +136,7 @@ def test_the_chance_of_a_mistake_is_what_noise_makes_of_it():
     side = np.sign(tau) * np.sign(turned)
     true, other = (tau + noise) @ rest, (side * (tau + noise)) @ rest
     wrong = np.mean((other**2).sum(axis=1) < (true**2).sum(axis=1))
-    assert wrong == pytest.approx(float(mistaken(np.array([found]))[0]), abs=0.025)
+    assert wrong == pytest.approx(float(wrong_sign_probability(np.array([found]))[0]), abs=0.025)
 
 
 def test_at_the_noise_tolerance_a_tenth_is_wrong():
@@ -152,7 +152,7 @@ def test_at_the_noise_tolerance_a_tenth_is_wrong():
 
 def test_what_is_left_is_the_posterior_of_a_linear_regression(problem, model):
     columns, _, _, _ = problem
-    expectation = expect(model, 2)
+    expectation = plausible_robots(model, 2)
     grams = joint_grams(columns)
     sd = expectation.uncertainty(grams, expectation.sigma(grams, len(columns), noise=3.0), weight=0.25)
     rms = np.sqrt(np.mean([np.mean((columns @ beta) ** 2, axis=0) for beta in expectation.betas], axis=0))

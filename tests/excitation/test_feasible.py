@@ -72,7 +72,7 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
     """The share is that at which the first Bernstein coefficient, linear in it, meets a limit: found by bisection."""
     feasibility, start = within(known, **limits), moved(at_rest(basis, POSE), wave(basis, 1, 0.01))
     step = wave(basis, 2, 4.0)
-    share = feasibility.shortened(start, step)
+    share = feasibility.feasible_share(start, step)
     assert 0.0 < share < 1.0
 
     def holds(size):
@@ -86,7 +86,7 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
         low, high = (0.5 * (low + high), high) if holds(0.5 * (low + high)) else (low, 0.5 * (low + high))
     assert share == pytest.approx(low, rel=1e-9)
     assert feasibility.within_limits(moved(start, step, share))
-    assert feasibility.shortened(moved(start, step, share), step) == 0.0  # not by as much as rounding leaves
+    assert feasibility.feasible_share(moved(start, step, share), step) == 0.0  # not by as much as rounding leaves
     assert not feasibility.within_limits(moved(start, step, 1.0001 * share))
 
 
@@ -106,15 +106,15 @@ def test_limits_of_efforts_count_the_band(known, basis):
     trajectory = moved(at_rest(basis, POSE), wave(basis))
     feasibility = within(known)
     mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 3.1, 3101)))
-    alone, banded = np.abs(mean).max(axis=0), (np.abs(mean) + TUNING.band * sd).max(axis=0)
+    alone, banded = np.abs(mean).max(axis=0), (np.abs(mean) + TUNING.effort_sds * sd).max(axis=0)
     assert np.all(banded > 1.05 * alone)
     for joint in range(3):
         for limit, holds in ((1.002 * alone, False), (0.995 * banded, False), (1.02 * banded, True)):
             effort = np.full(3, np.inf)
             effort[joint] = limit[joint]
-            assert replace(feasibility, effort=effort).bears(trajectory, 0.0, 3.1) == holds
-    assert not within(known, effort=tuple(0.995 * banded)).possible(trajectory)
-    assert within(known, effort=tuple(1.02 * banded)).possible(trajectory)
+            assert replace(feasibility, effort=effort).keeps_effort_limits(trajectory, 0.0, 3.1) == holds
+    assert not within(known, effort=tuple(0.995 * banded)).is_feasible(trajectory)
+    assert within(known, effort=tuple(1.02 * banded)).is_feasible(trajectory)
 
 
 def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
@@ -124,7 +124,7 @@ def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
     sd = np.tile([0.0, 0.25, 0.0], (7, 1))
     assert np.abs(mean[:6]).max() == pytest.approx(4.8)
     found = largest_efforts(mean[1:5], sd[1:5])
-    assert found == pytest.approx([5.0, 1.0 + TUNING.band * 0.25, 5.0])
+    assert found == pytest.approx([5.0, 1.0 + TUNING.effort_sds * 0.25, 5.0])
 
 
 def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
@@ -133,14 +133,14 @@ def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
     feasibility = Feasibility.of(known, check_limits(LIMITS, known.model.robot), None)
     still = at_rest(basis, POSE)
     for seed in range(6):
-        trajectory = moved(still, wave(basis, seed, 4.0), feasibility.shortened(still, wave(basis, seed, 4.0)))
+        trajectory = moved(still, wave(basis, seed, 4.0), feasibility.feasible_share(still, wave(basis, seed, 4.0)))
         mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 10_001)))
-        finest = (np.abs(mean) + TUNING.band * sd).max(axis=0)
+        finest = (np.abs(mean) + TUNING.effort_sds * sd).max(axis=0)
         coarse = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 1001)))
         bound = feasibility.largest_efforts(trajectory)
         assert np.all(bound >= finest)
         assert np.all(bound <= 1.05 * finest)
-        missed += int(((np.abs(coarse[0]) + TUNING.band * coarse[1]).max(axis=0) < finest).sum())
+        missed += int(((np.abs(coarse[0]) + TUNING.effort_sds * coarse[1]).max(axis=0) < finest).sum())
     assert missed > 6
 
 
@@ -149,8 +149,8 @@ def test_steps_into_a_collision_are_refused(known, basis):
     feasibility, still = within(known, clearance=wall), at_rest(basis, POSE)
     up, other = np.zeros((len(basis), 3)), np.zeros((len(basis), 3))
     up[6:9, 0], other[6:9, 2] = 0.3, 3.0  # of its 0.25 rad up to the margin, three control points leave 0.28
-    assert not feasibility.possible(moved(still, up))
-    assert feasibility.possible(moved(still, up, 0.8))
-    assert feasibility.possible(moved(still, -up))
-    assert feasibility.possible(moved(still, other))
-    assert within(known).possible(moved(still, up))
+    assert not feasibility.is_feasible(moved(still, up))
+    assert feasibility.is_feasible(moved(still, up, 0.8))
+    assert feasibility.is_feasible(moved(still, -up))
+    assert feasibility.is_feasible(moved(still, other))
+    assert within(known).is_feasible(moved(still, up))

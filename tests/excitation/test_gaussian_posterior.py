@@ -8,7 +8,7 @@ from conftest import smooth_motion
 from open_results import NOISE, gains_result, open_result
 
 from bayesid.excitation.gaussian_posterior import gaussian_posterior
-from bayesid.excitation.resolvability import expect
+from bayesid.excitation.resolvability import plausible_robots
 from bayesid.identification.identified_model import ParameterDraws
 from bayesid.regression.knowledge import inverse_of
 
@@ -34,8 +34,8 @@ def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion)
     stacked = np.vstack([prior, rows[moving]])
     _, values, vectors = np.linalg.svd(stacked, full_matrices=False)
     np.testing.assert_allclose(found, (vectors.T / values**2) @ vectors, rtol=1e-6, atol=1e-9 * np.abs(found).max())
-    assert np.all(np.diag(found) < np.diag(known.now))
-    before, after = np.diag(known.now), np.diag(found)
+    assert np.all(np.diag(found) < np.diag(known.covariance_now))
+    before, after = np.diag(known.covariance_now), np.diag(found)
     assert (after / before).min() < 0.05  # the motion tells something
 
 
@@ -67,8 +67,8 @@ def test_draws_of_gains_and_coefficients_are_known_together():
     drawn = np.hstack([known.coefficients.project(draws.theta), draws.log_gain[:, [0, 2]]])
     centred = drawn - drawn.mean(axis=0)
     covariance = centred.T @ centred / (len(drawn) - 1)
-    np.testing.assert_allclose(known.now, covariance, rtol=1e-5, atol=1e-9 * np.abs(covariance).max())
-    assert known.now[-1, -2] / np.sqrt(known.now[-1, -1] * known.now[-2, -2]) > 0.5
+    np.testing.assert_allclose(known.covariance_now, covariance, rtol=1e-5, atol=1e-9 * np.abs(covariance).max())
+    assert known.covariance_now[-1, -2] / np.sqrt(known.covariance_now[-1, -1] * known.covariance_now[-2, -2]) > 0.5
     np.testing.assert_allclose(known.mean[-2:], draws.log_gain.mean(axis=0)[[0, 2]])
 
 
@@ -96,8 +96,8 @@ def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior()
     blind = gaussian_posterior(result, 50.0).coefficients.names.index("Fv2")
     precision[blind], precision[:, blind] = 0.0, 0.0
     known = gaussian_posterior(replace(result, precision=precision), 50.0)
-    assert known.supposed
-    assert not gaussian_posterior(result, 50.0).supposed
-    size = expect(known.model).size
+    assert known.assumed_prior
+    assert not gaussian_posterior(result, 50.0).assumed_prior
+    size = plausible_robots(known.model).size
     np.testing.assert_allclose(known.precision - precision, np.diag(size**-2.0), rtol=1e-9, atol=1e-9)
-    assert np.sqrt(known.now[blind, blind]) == pytest.approx(size[blind])
+    assert np.sqrt(known.covariance_now[blind, blind]) == pytest.approx(size[blind])

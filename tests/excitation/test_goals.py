@@ -11,7 +11,7 @@ from bayesid.cli.terminal import in_options
 from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.gaussian_posterior import reference_motion
-from bayesid.excitation.goal import CRITERIA, Goal, goal_of, open_coefficients
+from bayesid.excitation.goal import CRITERIA, Goal, goal_of, undetermined_coefficients
 
 
 @pytest.fixture(scope="module")
@@ -45,14 +45,14 @@ def test_without_a_name_all_that_is_open_is_asked_for(known):
     sure = replace(
         known, precision=1e12 * known.precision, model_error_covariance=np.zeros_like(known.model_error_covariance)
     )
-    assert open_coefficients(sure) == []
+    assert undetermined_coefficients(sure) == []
     assert goal_of(sure).names == known.names
 
 
 def test_a_coefficient_by_its_name(known):
     goal = goal_of(known, ["Fc3", "Fv1", "Fc3"])
     assert goal.names == ("Fc3", "Fv1")
-    assert goal.never == ()
+    assert goal.remarks == ()
     np.testing.assert_array_equal(np.flatnonzero(goal.forms[0]), [known.names.index("Fc3")])
     np.testing.assert_allclose(
         goal.required_sd, 0.1 * np.abs(known.mean[[known.names.index(one) for one in goal.names]])
@@ -64,17 +64,17 @@ def test_a_coefficient_by_its_name(known):
 def test_a_parameter_that_shows_in_sums_or_not_at_all_says_so(known):
     goal = goal_of(known, ["mc2x"])
     assert goal.names == ("mc2x",)
-    assert "mc2x + a3 m3" in goal.never[0]
+    assert "mc2x + a3 m3" in goal.remarks[0]
     goal = goal_of(known, ["J2yy"])
     step = np.zeros(len(known.theta))
     step[[one.name for one in known.model.parameters].index("J2yy")] = 1.0
     moved = known.coefficients.project(step)
     want = tuple(name for name, change in zip(known.names, moved, strict=True) if abs(change) > 1e-6)
     assert goal.names == want == ("J1zz", "J2xx")
-    assert "J1zz, J2xx" in goal.never[0]
+    assert "J1zz, J2xx" in goal.remarks[0]
     goal = goal_of(known, ["J1xx", "Fc1"])
     assert goal.names == ("Fc1",)
-    assert "J1xx" in goal.never[0]
+    assert "J1xx" in goal.remarks[0]
     with pytest.raises(InputError, match="do not depend on it"):
         goal_of(known, ["J1xx"])
 
@@ -83,9 +83,9 @@ def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
     unsure = with_gains(known, 0, 2)
     goal = goal_of(unsure, ["gains"])
     assert goal.names == ("gain3/gain1",)
-    assert "common factor" in goal.never[0]
+    assert "common factor" in goal.remarks[0]
     np.testing.assert_allclose(goal.required_sd, 0.1)
-    before = goal.left(np.linalg.inv(unsure.precision))
+    before = goal.scaled_covariance(np.linalg.inv(unsure.precision))
     np.testing.assert_allclose(before, (0.1**2 + 0.2**2) / 0.1**2)
     assert goal_of(unsure).names[-1] == "gain3/gain1"
     assert "gain3/gain1" not in goal_of(with_gains(known, 2)).names  # one alone has no ratio
@@ -95,7 +95,7 @@ def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
 
 def test_a_payload_that_no_log_has_shown_is_the_last_link_s(known):
     goal = goal_of(known, ["payload"])
-    assert any("once with it" in sentence for sentence in goal.never)
+    assert any("once with it" in sentence for sentence in goal.remarks)
     assert {"J3xx", "mc3x"} < set(goal.names)
     assert not {"Fc3", "Fv3"} & set(goal.names)
 
@@ -104,7 +104,7 @@ def test_payloads_that_logs_carried_are_theirs_alone():
     terms = ("rigid_body", CarriedPayload(label=("tool",)), "viscous_friction", CarriedPayload(label=("box",)))
     known = open_known(n=2, terms=terms)
     goal = goal_of(known, ["payload"], "tool")
-    assert goal.never == ()
+    assert goal.remarks == ()
     assert not {"Fv1", "Fv2"} & set(goal.names)
     assert len(goal.names) == 10
     of_tool = known.model.places[1]
@@ -123,9 +123,9 @@ def test_signs_are_the_efforts_of_random_motions(known):
     goal = goal_of(known, ["signs"])
     motion = reference_motion(known.model.robot)
     columns, weights = known.columns(motion), known.weights(motion)
-    variance = np.einsum("njr,rs,njs->nj", columns, known.now, columns)
+    variance = np.einsum("njr,rs,njs->nj", columns, known.covariance_now, columns)
     want = np.sum(weights * variance) / (motion.t[-1] - motion.t[0])
-    assert np.trace(goal.left(known.now)) == pytest.approx(want, rel=1e-6)
+    assert np.trace(goal.scaled_covariance(known.covariance_now)) == pytest.approx(want, rel=1e-6)
 
 
 def test_a_name_of_nothing_is_refused_with_those_near_it(known):

@@ -62,7 +62,7 @@ def result(truth, log):
 
 @pytest.fixture(scope="module")
 def design(result):
-    return design_next(result, run=replace(RUN, changes=QUICK))
+    return design_next(result, settings=replace(RUN, changes=QUICK))
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -70,7 +70,7 @@ def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
     """That keeps its limits, and tells more than standing still."""
     strong = replace(RUN, limits=replace(LIMITS, effort=(200.0, 40.0, 9.0)))
     level = 0.03 if effect == "dead_zone" else 0.01  # it grows in steps, from sample to sample
-    design = design_next(open_result(effects={effect: level}), run=replace(strong, changes=12))
+    design = design_next(open_result(effects={effect: level}), settings=replace(strong, changes=12))
     assert np.all(design.largest_effort <= design.feasibility.effort)
     assert np.all(design.predicted.sd <= design.predicted.sd_now * (1.0 + 1e-9))
     assert design.predicted.gain > 0.1
@@ -78,7 +78,7 @@ def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
 
 def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
     t = np.linspace(0.0, 5.0, 5001)
-    motion, limits = design.trajectory.motion(t), design.run.limits
+    motion, limits = design.trajectory.motion(t), design.settings.limits
     assert np.all((motion.q >= np.array(limits.lower) - 1e-9) & (motion.q <= np.array(limits.upper) + 1e-9))
     jerk = design.trajectory.basis.values(t, 3) @ design.trajectory.control
     rates = (motion.dq, limits.velocity), (motion.ddq, limits.acceleration), (jerk, limits.jerk)
@@ -107,9 +107,9 @@ def test_it_says_what_it_leaves_open(design):
 
 def test_a_start_of_one_s_own_and_none_that_is_known(result):
     run = replace(RUN, duration=3.0, start=(0.1, 0.4, -0.5))
-    own = design_next(result, run=replace(run, changes=10))
+    own = design_next(result, settings=replace(run, changes=10))
     np.testing.assert_allclose(own.motion.q[[0, -1]], [run.start, run.start], atol=1e-12)
-    loaded = design_next(result.identified, run=replace(RUN, duration=3.0, changes=10))
+    loaded = design_next(result.identified, settings=replace(RUN, duration=3.0, changes=10))
     middle = 0.5 * (np.array(LIMITS.lower) + np.array(LIMITS.upper))
     np.testing.assert_allclose(loaded.motion.q[0], middle, atol=1e-12)
 
@@ -118,7 +118,7 @@ def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
     height = 0.5 * (design.motion.q[0, 1] + design.motion.q[:, 1].max())
     assert height > design.motion.q[0, 1] + 0.1
     run = replace(RUN, clearance=Table(height))
-    kept = design_next(result, run=replace(run, changes=QUICK))
+    kept = design_next(result, settings=replace(run, changes=QUICK))
     assert kept.trajectory.motion(np.linspace(0.0, 5.0, 5001)).q[:, 1].max() < height - 0.049
     assert not any("collisions" in sentence for sentence in kept.unchecked)
 
@@ -142,21 +142,21 @@ def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, desig
     """For the two criteria: the friction of joint 2 alone."""
     place = design.predicted.names.index("Fc2")
     for criterion in ("D", "A"):
-        about = design_next(result, ["Fc2"], run=replace(RUN, changes=QUICK), criterion=criterion)
+        about = design_next(result, ["Fc2"], settings=replace(RUN, changes=QUICK), criterion=criterion)
         assert about.goal.names == ("Fc2",)
         assert about.predicted.sd[place] < design.predicted.sd[place]
 
 
 def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     pair = ("stribeck_friction:3", "thermal_drift:3")
-    telling = design_next(result.identified, between=pair, run=replace(RUN, duration=3.0, changes=QUICK))
+    telling = design_next(result.identified, between=pair, settings=replace(RUN, duration=3.0, changes=QUICK))
     assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
     assert telling.goal is None
     assert telling.predicted.gain == 0.0
     assert all(f"{true} from {other}" in repr(telling) for true, other in (pair, pair[::-1]))
     told, by_random = (
         sum(
-            min(value, 2.0 * TUNING.telling) for value in one.log10_bayes_factors.values()
+            min(value, 2.0 * TUNING.decisive) for value in one.log10_bayes_factors.values()
         )  # what is clear counts no more
         for one in (telling.predicted, telling.of_random)
     )
@@ -166,8 +166,8 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
 def test_a_payload_is_learned_of_where_the_flange_carries_it():
     carrying = open_result(terms=(*TERMS, CarriedPayload(label=("tool",))))
     run = replace(RUN, effort_limits=(150.0, 80.0, 30.0))
-    empty = design_next(carrying, ["Fc2"], run=replace(run, changes=QUICK))
-    loaded = design_next(carrying, ["payload"], run=replace(run, payload="tool", changes=QUICK))
+    empty = design_next(carrying, ["Fc2"], settings=replace(run, changes=QUICK))
+    loaded = design_next(carrying, ["payload"], settings=replace(run, payload="tool", changes=QUICK))
     places = [loaded.predicted.names.index(name) for name in loaded.goal.names]
     assert len(places) == 10
     before, without, after = loaded.predicted.sd_now[places], empty.predicted.sd[places], loaded.predicted.sd[places]
@@ -177,7 +177,7 @@ def test_a_payload_is_learned_of_where_the_flange_carries_it():
     assert np.any(loaded.of_random.sd[places] < 0.9 * before)  # the random one carries it too
     mean, _ = loaded.effort_band
     np.testing.assert_allclose(mean, carrying.model.effort(loaded.motion, carrying.theta), atol=1e-8)
-    near = design_next(carrying, ["payload"], run=replace(run, payload="tool", clearance=Table(1.7), changes=2))
+    near = design_next(carrying, ["payload"], settings=replace(run, payload="tool", clearance=Table(1.7), changes=2))
     assert any(sentence.startswith("distances of tool:") for sentence in near.unchecked)
 
 
@@ -188,7 +188,7 @@ def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
         ({"effort": 70.0, "jerk": 150.0}, Table(1.7), ("distances of hand and table (held)",)),
     ):
         run = replace(RUN, duration=2.0, limits=replace(LIMITS, **limits), clearance=clearance)
-        unchecked = design_next(result, run=replace(run, changes=2)).unchecked
+        unchecked = design_next(result, settings=replace(run, changes=2)).unchecked
         assert len(unchecked) == len(words)
         assert all(word in sentence for sentence, word in zip(unchecked, words, strict=True))
 
@@ -207,9 +207,12 @@ def test_speeds_at_which_efforts_keep_their_limits(truth, design):
         duration = 5.0 / share
         motion = slowed(design.trajectory, share, 2000.0 / duration)
         columns = design.known.columns(motion)
-        mean, sd = columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
-        holds = np.all(np.abs(mean) + TUNING.band * sd <= EFFORT)
-        assert (share in design.slow) == holds
+        mean, sd = (
+            columns @ design.known.mean,
+            np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.covariance_now, columns)),
+        )
+        holds = np.all(np.abs(mean) + TUNING.effort_sds * sd <= EFFORT)
+        assert (share in design.allowed_speeds) == holds
 
 
 def assert_refused(call, where, *words):
@@ -238,7 +241,7 @@ def test_requests_that_cannot_be_met_are_refused(result):
     ):
         run = {"changes": 1, **run}
         assert_refused(
-            lambda run=run, more=options: design_next(result, run=replace(RUN, **run), **more), where, *words
+            lambda run=run, more=options: design_next(result, settings=replace(RUN, **run), **more), where, *words
         )
     with pytest.raises(InputError, match=r"'result' is no result.*bayesid.load"):
         design_next("result")
@@ -257,9 +260,9 @@ def test_what_the_posterior_s_draws_say_that_the_model_lacks_no_recording_tells(
         interval=lambda share: result.interval_95,
     )
     run = MotionSettings(duration=2.0, rate=50.0, limits=LIMITS)
-    told = design_next(replace(result, posterior=posterior), run=replace(run, changes=1)).predicted
+    told = design_next(replace(result, posterior=posterior), settings=replace(run, changes=1)).predicted
     wider, narrow = (result.coefficients.project(one.theta).var(axis=0, ddof=1) for one in (uncertain, draws))
     np.testing.assert_allclose(told.sd_lacking**2 - told.sd**2, wider - narrow, rtol=1e-6)
     posterior.shift = None
-    told = design_next(replace(result, posterior=posterior), run=replace(run, changes=1)).predicted
+    told = design_next(replace(result, posterior=posterior), settings=replace(run, changes=1)).predicted
     np.testing.assert_array_equal(told.sd_lacking, told.sd)

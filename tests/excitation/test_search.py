@@ -29,8 +29,8 @@ class Wall:
 class Watched(Feasibility):
     """Tells of every change that a robot can run, with its window: it is asked only of those that are better."""
 
-    def possible(self, trajectory, start=0.0, end=None):
-        found = super().possible(trajectory, start, end)
+    def is_feasible(self, trajectory, start=0.0, end=None):
+        found = super().is_feasible(trajectory, start, end)
         if found and end is not None:
             self.__dict__.setdefault("kept", []).append((trajectory, start, end))
         return found
@@ -42,7 +42,7 @@ def search_of(known, whole=None, limits=LIMITS, clearance=None):
 
     def worth(information):
         asked.append(information)
-        return goal.spread(known.covariance(information))
+        return goal.log_det(known.covariance(information))
 
     whole = known.memory if whole is None else whole
     feasibility = Feasibility.of(known, check_limits(limits, known.model.robot), clearance)
