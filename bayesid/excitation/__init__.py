@@ -1,1 +1,1 @@
-"""Motions that show coefficients and signs, and what a log's motion leaves undecided."""
+"""Design of exciting motions, and assessment of a log's motion."""

@@ -1,8 +1,8 @@
-"""Hypotheses that a log cannot distinguish, and how well a motion distinguishes them: expected Bayes factors.
+"""Effects that a log cannot distinguish, and how well a motion distinguishes them.
 
 Each hypothesis is the model without the effects in question, plus columns of one of them. Linear parameters are
-marginalised. Of the forms with other nonlinear parameters, the one that fits best counts, so the expected Bayes factor
-is that of the worst case.
+marginalised. Of the forms with other nonlinear parameters, the best-fitting one counts, so the expected Bayes factor is
+that of the worst case.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, maker
 
 _RANK = 1e-6
-"""Share of a column's length outside the span of others, above which it is linearly independent of them."""
+"""A column is linearly independent of others if more than this share of its length lies outside their span."""
 
 
 @dataclass(frozen=True)
 class CompetingForm:
-    """One form of a hypothesis."""
+    """One form of a hypothesis, with fixed nonlinear parameters."""
 
     source: Effect  # term or distortion
-    sd: Array  # (p,) of its amplitudes beforehand; `TUNING.constant_sd` of a change without amplitude, which comes last
-    mean: Array  # (p,) of them beforehand
-    columns: Integers  # (p,) places of its columns among all
+    sd: Array  # (p,) prior sd of its amplitudes; last `TUNING.constant_sd` if it has a constant change
+    mean: Array  # (p,) prior mean of its amplitudes
+    columns: Integers  # (p,) indices of its columns among all
 
     @classmethod
     def of(cls, hypothesis: Hypothesis) -> CompetingForm:
-        """Its columns have no place yet."""
+        """Form of a hypothesis; `columns` is empty until `_placed`."""
         columns = hypothesis.columns
         shift = int(any(np.any(values) for values in columns.shift.values()))
         sd = np.concatenate([columns.sd, np.full(shift, TUNING.constant_sd)])
@@ -54,15 +54,15 @@ class CompetingForm:
 
 @dataclass(frozen=True)
 class CompetingModel:
-    """A hypothesis."""
+    """A hypothesis: an effect in some joints."""
 
     key: EffectKey
-    forms: tuple[CompetingForm, ...]  # with different nonlinear parameters; the one in the result comes first
-    amplitudes_found: Array | None  # (p,) amplitudes of its first form in the result; None where the result lacks it
+    forms: tuple[CompetingForm, ...]  # with different nonlinear parameters; a form in the result comes first
+    amplitudes: Array | None  # (p,) of the first form in the result; None if the result lacks the effect
 
     @property
     def name(self) -> str:
-        """As `--between` takes it."""
+        """EFFECT:JOINT, as `--between` takes it."""
         effect, joints = self.key
         return ":".join([effect, *map(str, joints)])
 
@@ -71,18 +71,18 @@ class CompetingModel:
 class CompetingEffects:
     """A class of competing hypotheses, and the result without them."""
 
-    posterior: GaussianPosterior  # the result without the effects in question
+    posterior: GaussianPosterior  # of the result without the effects in question
     competing: tuple[CompetingModel, ...]  # at least two
     recorded: Array  # (R, R) information of the earlier recording on all columns; zero if not given
     prior: Array  # (r, r) inverse covariance of the coefficients before it, or now if it is not given
 
     @property
     def pairs(self) -> list[tuple[CompetingModel, CompetingModel]]:
-        """The true one first."""
+        """All ordered pairs: the true hypothesis and an alternative."""
         return [(a, b) for a in self.competing for b in self.competing if a is not b]
 
     def columns(self, motion: Motion) -> Array:
-        """(N, n, R) those of the coefficients, then those of all forms."""
+        """(N, n, R) columns of the coefficients, then of all forms."""
         base = self.posterior.columns(motion)
         effort = base @ self.posterior.mean
         scene, parts = self.posterior.model.scene(motion, self.posterior.theta, effort, np.abs(effort)), [base]
@@ -93,25 +93,25 @@ class CompetingEffects:
 
     @property
     def memory(self) -> bool:
-        """Whether a row depends on other instants too."""
+        """Whether a row depends on other samples too."""
         return self.posterior.memory or any(form.source.memory for model in self.competing for form in model.forms)
 
     def objective(self, information: Array) -> float:
         """Minus the sum of expected log Bayes factors, nats, each limited to twice the decisive value.
 
-        The limit keeps one pair from outweighing the others; the factor two allows for scatter.
+        The limit keeps one pair from dominating the sum; the factor two allows for scatter of the measured value.
         """
         factors = expected_factors(self._beliefs, information)
         return -float(np.minimum(factors, 2.0 * TUNING.decisive * LN10).sum())
 
     def expected(self, information: Array) -> dict[tuple[str, str], float]:
-        """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""
+        """Expected log Bayes factor, nats, of each true hypothesis against each alternative."""
         factors = expected_factors(self._beliefs, information).tolist()
         return {(a.name, b.name): value for (a, b), value in zip(self.pairs, factors, strict=True)}
 
     @cached_property
     def _beliefs(self) -> list[tuple[Belief, list[Belief]]]:
-        """Of each pair, the true belief, and those of the alternative's forms after the earlier recording."""
+        """For each pair the true belief, and the beliefs of the alternative's forms, after the earlier recording."""
         truths = self._truths
         return [(truths[a.name], [self._after(form, truths[a.name]) for form in b.forms]) for a, b in self.pairs]
 
@@ -119,48 +119,43 @@ class CompetingEffects:
     def _truths(self) -> dict[str, Belief]:
         """The true belief under each hypothesis, by name.
 
-        Where the result includes one of them, each other one is fitted to the efforts which that one predicts.
+        If the result has one of the effects, the others are fitted to the efforts that it predicts.
         """
-        found = next(
-            (
-                (model.forms[0], model.amplitudes_found)
-                for model in self.competing
-                if model.amplitudes_found is not None
-            ),
-            None,
-        )
+        in_result = (model for model in self.competing if model.amplitudes is not None)
+        found = next(((model.forms[0], model.amplitudes) for model in in_result), None)
         truths = {}
         for model in self.competing:
-            if model.amplitudes_found is None and found is not None:
-                seen = self._of(*found)
-                truths[model.name] = max((self._after(form, seen) for form in model.forms), key=lambda one: one.fit)
+            if model.amplitudes is None and found is not None:
+                true = self._of(*found)
+                fitted = (self._after(form, true) for form in model.forms)
+                truths[model.name] = max(fitted, key=lambda belief: belief.fit)
             else:
                 form = model.forms[len(model.forms) // 2]
-                form = form if model.amplitudes_found is None else replace(model.forms[0], mean=model.amplitudes_found)
+                form = form if model.amplitudes is None else replace(model.forms[0], mean=model.amplitudes)
                 truths[model.name] = self._after(form, self._of(form, form.mean))
         return truths
 
     def best_fit(self, form: CompetingForm, model: CompetingModel) -> float:
-        """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
-        return max(self._after(form, self._truths[one.name]).fit for one in self.competing if one is not model)
+        """Best fit of a form of a hypothesis to the earlier recording if another hypothesis is true."""
+        return max(self._after(form, self._truths[other.name]).fit for other in self.competing if other is not model)
 
     def _of(self, form: CompetingForm, amplitudes: Array) -> Belief:
-        """A form before the earlier recording, about some amplitudes (p,)."""
+        """Belief of a form before the earlier recording, with mean amplitudes (p,)."""
         columns = np.concatenate([np.arange(len(self.posterior)), form.columns])
         precision = scipy.linalg.block_diag(self.prior, np.diag(form.sd**-2.0))
         return Belief(columns, np.concatenate([self.posterior.mean, amplitudes]), precision)
 
     def _after(self, form: CompetingForm, true: Belief) -> Belief:
-        """A form after the earlier recording, in which the means of another belief were true."""
+        """Belief of a form after the earlier recording, if the mean of another belief is true."""
         before = self._of(form, form.mean)
-        pull = before.precision @ before.mean
-        seen = pull + self.recorded[np.ix_(before.columns, true.columns)] @ true.mean
+        of_prior = before.precision @ before.mean
+        gradient = of_prior + self.recorded[np.ix_(before.columns, true.columns)] @ true.mean
         precision = before.precision + self.recorded[np.ix_(before.columns, before.columns)]
-        mean = inverse_of(precision) @ seen
-        return Belief(before.columns, mean, precision, float(seen @ mean - before.mean @ pull))
+        mean = inverse_of(precision) @ gradient
+        return Belief(before.columns, mean, precision, float(gradient @ mean - before.mean @ of_prior))
 
 
-# ---- How they come from a result ----
+# ---- Hypotheses of a result ----
 def make_competing(
     posterior: GaussianPosterior,
     keys: Sequence[EffectKey],
@@ -168,21 +163,21 @@ def make_competing(
     reference: Motion,
     changed: Changes | None = None,
 ) -> CompetingEffects:
-    """Hypotheses of a result.
+    """A class of competing hypotheses, from a result.
 
     Args:
         posterior: of the result.
         keys: effects and joints (from 1), two or more.
-        earlier: N instants of the motion of the result's log, evenly thinned; None if not given.
-        reference: a motion on which forms are made if the earlier one is not given.
-        changed: those of them that change a term which the model already had.
+        earlier: motion of the result's log, evenly thinned to N samples; None if not given.
+        reference: motion on which forms are made if the earlier one is not given.
+        changed: hypotheses that change a term of the model.
 
     Raises:
         InputError: an effect is not in the catalogue, or has no form in these joints.
     """
     if len(set(keys)) < 2:
         remedy = "as in stribeck_friction:3,thermal_drift:3"
-        raise InputError("takes two different hypotheses", field="between", remedy=remedy)
+        raise InputError("needs two different hypotheses", field="between", remedy=remedy)
     changed = {key: step for key, step in (changed or {}).items() if key in keys}
     steps = {key: np.array(list(step.values())) for key, step in changed.items() if step}
     bare, found = _without(posterior, [key for key in keys if key not in changed])
@@ -207,28 +202,28 @@ def _competing(
     steps: Mapping[EffectKey, Array],
     motion: Motion,
 ) -> tuple[CompetingModel, ...]:
-    """Every form of each hypothesis on a motion."""
+    """All forms of each hypothesis on a motion."""
     effort = bare.columns(motion) @ bare.mean
     scene = bare.model.scene(motion, bare.theta, effort, np.abs(effort))
     actuators = bare.model.robot.actuators(motion)
     make = maker(bare.model, scene, np.abs(actuators.dq) > actuators.standstill_speed)
     competing = []
     for key in keys:
-        amplitudes_found, amplitudes = found.get(key), steps.get(key)
-        made = [] if amplitudes_found is None else [make(amplitudes_found[0])]
-        made += [one for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for one in group]
-        forms = [CompetingForm.of(one) for one in made]
+        in_result, amplitudes = found.get(key), steps.get(key)
+        made = [] if in_result is None else [make(in_result[0])]
+        made += [hypothesis for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for hypothesis in group]
+        forms = [CompetingForm.of(hypothesis) for hypothesis in made]
         if not forms:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
             raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=EXAMPLE)
-        if amplitudes_found is not None:  # a term's parameters, or nothing beside the change that a distortion is
-            amplitudes = np.concatenate([amplitudes_found[1], forms[0].mean[len(amplitudes_found[1]) :]])
+        if in_result is not None:  # a term has parameters, a distortion only its constant change
+            amplitudes = np.concatenate([in_result[1], forms[0].mean[len(in_result[1]) :]])
         competing.append(CompetingModel(key, tuple(forms), amplitudes))
     return _placed(len(bare), competing)
 
 
 def _placed(place: int, competing: Sequence[CompetingModel]) -> tuple[CompetingModel, ...]:
-    """With the columns of one form behind those of the other."""
+    """With the columns of the forms in sequence, from an index on."""
     placed = []
     for model in competing:
         forms = []
@@ -240,62 +235,62 @@ def _placed(place: int, competing: Sequence[CompetingModel]) -> tuple[CompetingM
 
 
 def _unstepped(posterior: GaussianPosterior, steps: Sequence[Mapping[str, float]]) -> GaussianPosterior:
-    """The result with parameters as they were before they made some steps."""
+    """The result with parameters before their changes, the steps."""
     names = [parameter.name for parameter in posterior.model.parameters]
     theta, mean = posterior.theta.copy(), posterior.mean.copy()
-    for name, step in (pair for one in steps for pair in one.items()):
+    for name, step in (pair for changes in steps for pair in changes.items()):
         theta[names.index(name)] -= step
     mean[: len(posterior.coefficients)] += posterior.coefficients.project(theta - posterior.theta)
     return replace(posterior, theta=theta, mean=mean)
 
 
 def _without_step(prior: Array, bare: GaussianPosterior, parameters: Sequence[str], sd: Array) -> Array:
-    """The inverse covariance before, without the step of sd (p,) of parameters (`CoefficientPrior.widened`).
+    """The prior inverse covariance without the variance that a step of parameters of sd (p,) added.
 
-    Where that is all that was uncertain of a coefficient, a `TUNING.earlier_sd`th of its standard deviation is left.
+    See `CoefficientPrior.widened`. At least 1 / `TUNING.earlier_sd` of each standard deviation remains.
     """
     names = [parameter.name for parameter in bare.model.parameters]
     step = np.zeros((len(bare), len(parameters)))
     step[: len(bare.coefficients)] = bare.coefficients.projection[:, [names.index(name) for name in parameters]]
-    pulled = prior @ step * sd[: len(parameters)]
-    left, directions = _left(prior, pulled @ pulled.T)
-    across = prior @ directions
-    return (across / left) @ across.T
+    scaled = prior @ step * sd[: len(parameters)]
+    shares, directions = _remaining(prior, scaled @ scaled.T)
+    rows = prior @ directions
+    return (rows / shares) @ rows.T
 
 
 def _before(posterior: GaussianPosterior, bare: GaussianPosterior, earlier: Motion) -> Array:
-    """(r, r) inverse covariance of the quantities before the earlier recording, by what is known beside it.
+    """(r, r) inverse covariance of the quantities before the earlier recording.
 
     The recording's information is subtracted from the present one; `TUNING.earlier_sd` limits the earlier standard
     deviation.
     """
-    left, directions = _left(posterior.precision, posterior.information(earlier))
-    covariance = (directions / left) @ directions.T
+    shares, directions = _remaining(posterior.precision, posterior.information(earlier))
+    covariance = (directions / shares) @ directions.T
     if bare is not posterior:
-        turn, r = _turn(posterior, bare.model), len(posterior.coefficients)
-        covariance = turn @ covariance[:r, :r] @ turn.T
+        to_bare, r = _coefficient_map(posterior, bare.model), len(posterior.coefficients)
+        covariance = to_bare @ covariance[:r, :r] @ to_bare.T
     return inverse_of(covariance)
 
 
-def _left(matrix: Array, part: Array) -> tuple[Array, Array]:
-    """(r,) shares of a positive matrix that a part of it leaves, and (r, r) directions D of them: D' matrix D = 1."""
+def _remaining(matrix: Array, part: Array) -> tuple[Array, Array]:
+    """Shares s (r,), limited below, and directions D (r, r): D' matrix D = 1, D' (matrix - part) D = diag(s)."""
     ridge = 1e-13 * np.diag(np.diag(matrix))  # against rounding
     shares, directions = scipy.linalg.eigh(part, matrix + ridge)
     return np.clip(1.0 - shares, 1.0 / TUNING.earlier_sd**2, 1.0), directions
 
 
-def _turn(posterior: GaussianPosterior, model: Model) -> Array:
-    """(r, R) what takes coefficients to those of the same model without some terms."""
+def _coefficient_map(posterior: GaussianPosterior, model: Model) -> Array:
+    """(r, R) matrix from coefficients to those of the same model without some terms."""
     names = [parameter.name for parameter in posterior.model.parameters]
     kept = [names.index(parameter.name) for parameter in model.parameters]
-    turn: Array = base_coefficients(model).projection @ np.linalg.pinv(posterior.coefficients.projection[:, kept])
-    return turn
+    projection: Array = base_coefficients(model).projection
+    return projection @ np.linalg.pinv(posterior.coefficients.projection[:, kept])
 
 
 def _without(
     posterior: GaussianPosterior, keys: Sequence[EffectKey]
 ) -> tuple[GaussianPosterior, dict[EffectKey, tuple[Effect, Array]]]:
-    """The result without some effects, and those that it has: the effect and its amplitudes."""
+    """The result without some effects, and those of them that it has, with their amplitudes."""
     model = posterior.model
     places = [*model.places, *(slice(0, 0) for _ in model.distortions)]
     found, kept = dict[EffectKey, tuple[Effect, Array]](), list[slice]()
@@ -309,8 +304,9 @@ def _without(
     if not found:
         return posterior, found
     theta = np.concatenate([posterior.theta[place] for place in kept])
-    base, turn, r = base_coefficients(bare_model), _turn(posterior, bare_model), len(posterior.coefficients)
-    precision = inverse_of(turn @ posterior.covariance_now[:r, :r] @ turn.T)
+    base, to_bare = base_coefficients(bare_model), _coefficient_map(posterior, bare_model)
+    r = len(posterior.coefficients)
+    precision = inverse_of(to_bare @ posterior.covariance_now[:r, :r] @ to_bare.T)
     bare = replace(
         posterior,
         model=bare_model,
@@ -327,15 +323,16 @@ def _without(
 
 
 def _best_fitting(made: CompetingEffects) -> CompetingEffects:
-    """The forms of each hypothesis that fit the earlier recording best; without one, evenly spaced forms."""
-    r, chosen = len(made.posterior), [replace(one, forms=tuple(_chosen(made, one))) for one in made.competing]
+    """Keeps the forms of each hypothesis that fit the earlier recording best; without one, evenly spaced forms."""
+    r = len(made.posterior)
+    chosen = [replace(model, forms=tuple(_chosen(made, model))) for model in made.competing]
     kept = np.concatenate([np.arange(r), *(form.columns for model in chosen for form in model.forms)])
     return replace(made, competing=_placed(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
 
 
 def _chosen(made: CompetingEffects, model: CompetingModel) -> list[CompetingForm]:
-    """At most `TUNING.most_forms` forms; the one in the result comes first."""
-    forms, first = list(model.forms), int(model.amplitudes_found is not None)
+    """At most `TUNING.most_forms` forms; a form in the result comes first."""
+    forms, first = list(model.forms), int(model.amplitudes is not None)
     if len(forms) <= TUNING.most_forms:
         return forms
     if not made.recorded.any():
@@ -346,20 +343,20 @@ def _chosen(made: CompetingEffects, model: CompetingModel) -> list[CompetingForm
 
 
 def indistinguishable(made: CompetingEffects, motion: Motion) -> list[tuple[str, str]]:
-    """Pairs that no motion distinguishes: on a rich one, the columns of each span those of the other."""
+    """Pairs that no motion distinguishes: on an exciting motion, the columns of each span those of the other."""
     columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), TINY)
     base = rows[:, : len(made.posterior)]
-    beside = rows - base @ np.linalg.lstsq(base, rows, rcond=None)[0]  # what the coefficients leave of each column
+    residual = rows - base @ np.linalg.lstsq(base, rows, rcond=None)[0]
 
-    def among(one: CompetingForm, other: CompetingForm) -> bool:
-        wanted, others = beside[:, one.columns], beside[:, other.columns]
-        left = wanted - others @ np.linalg.lstsq(others, wanted, rcond=_RANK)[0]
-        return bool(np.linalg.norm(left, axis=0).max(initial=0.0) <= _RANK)
+    def in_span(form: CompetingForm, other: CompetingForm) -> bool:
+        columns, others = residual[:, form.columns], residual[:, other.columns]
+        outside = columns - others @ np.linalg.lstsq(others, columns, rcond=_RANK)[0]
+        return bool(np.linalg.norm(outside, axis=0).max(initial=0.0) <= _RANK)
 
-    def alike(a: CompetingModel, b: CompetingModel) -> bool:
-        return any(among(one, other) and among(other, one) for one in a.forms for other in b.forms)
+    def same_span(a: CompetingModel, b: CompetingModel) -> bool:
+        return any(in_span(form, other) and in_span(other, form) for form in a.forms for other in b.forms)
 
     pairs = [(a, b) for k, a in enumerate(made.competing) for b in made.competing[k + 1 :]]
-    return [(a.name, b.name) for a, b in pairs if alike(a, b)]
+    return [(a.name, b.name) for a, b in pairs if same_span(a, b)]

@@ -1,14 +1,13 @@
-"""Design of a motion that shows coefficients, for a controller to play, before anything is known of the robot.
+"""Design of a motion for a first identification, from the kinematics of the robot alone.
 
-Every joint follows a spline within its limits that starts and ends at rest. `bayesid.excitation.search` looks for
-the least of log kappa^2 + mean log v (:eq:`design-worth`): kappa is the condition number of the base regressor with
-columns of unit length (:eq:`condition-number`), the amplification of noise into coefficients, and v the variance of
-coefficients over that of plausible robots. The first says nothing of how large efforts are, the second nothing of sums
-that are shown badly. The result says how far signs are resolved, too, but is not designed for that: over 97 pairs of
-logs a design for signs gave as many right ones (`bayesid.studies.benchmarks.excitation` has what stands of it).
+Every joint follows a spline within its limits that starts and ends at rest. `bayesid.excitation.search` minimises
+log kappa^2 + mean log v (:eq:`design-worth`). kappa is the condition number of the base regressor with columns of unit
+length (:eq:`condition-number`), v the posterior variance of coefficients over their variance among plausible robots.
+kappa does not depend on the size of efforts, v hardly on badly conditioned sums. The design also reports the
+resolvability of signs, but does not optimise it: a design for signs gave no more right signs
+(`bayesid.studies.benchmarks.excitation`).
 
-Collisions of the robot with itself or its surroundings, and limits of its efforts, are not checked here; a motion for a
-result keeps them (`bayesid.excitation.next_motion`).
+Collisions and effort limits are not checked here; `bayesid.excitation.next_motion` checks them.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ from bayesid.excitation.limits import check_limits
 from bayesid.excitation.resolvability import (
     WRONG,
     Excitation,
-    PlausibleRobots,
     JointFlips,
+    PlausibleRobots,
     condition_of,
-    plausible_robots,
+    flip_segments,
     groups_of,
     joint_grams,
-    wrong_sign_probability,
     noise_tolerance,
-    flip_segments,
+    plausible_robots,
+    wrong_sign_probability,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.settings import MotionSettings, instants_of
@@ -50,50 +49,50 @@ from bayesid.robot import Robot, load_robot
 from bayesid.simulation.trajectories import MotionLimits, log_condition_of
 
 CHANGES = 6000
-"""Changes of the motion that each of two searches tries."""
+"""Changes of the motion that each of two searches tries, about 10 s for six joints. Chosen; not measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Quality(Excitation):
-    """What a designed motion shows."""
+    """Excitation of a designed motion."""
 
     joints: JointFlips  # all signs are unknown
-    tolerance: float  # noise, relative to the RMS efforts, that the signs bear, for the hardest of the expected robots
-    magnitude: Array  # (N, n) |effort| of the robot whose joints are easiest to mistake, N m: all that is seen of it
+    tolerance: float  # noise tolerance, the least of the plausible robots
+    magnitude: Array  # (N, n) |effort|, N m, of the plausible robot with the lowest resolvability
 
     @property
     def weak(self) -> Mask:
-        """(S,) segments whose sign is more likely wrong than a tenth of the energy's is, at the noise tolerance."""
+        """(S,) segments whose sign is wrong with a probability above 10 % at the noise tolerance."""
         weak: Mask = wrong_sign_probability(self.segments.resolvability * (self.noise / self.tolerance) ** 2) > WRONG
         return weak
 
 
 @dataclass(frozen=True)
 class ExcitationDesign:
-    """A motion to be played."""
+    """A designed motion for a first identification."""
 
     model: Model  #: robot and terms
-    coefficients: BaseCoefficients  #: the r base coefficients that it is to show
-    trajectory: SplineTrajectory  #: a period of the motion as a spline
-    motion: Motion  #: N samples of it, from rest to rest
-    rate: float  #: of these, Hz
-    periods: int  #: that it holds
+    coefficients: BaseCoefficients  #: the r base coefficients to be identified
+    trajectory: SplineTrajectory  #: one period of the motion
+    motion: Motion  #: N samples of all periods, from rest to rest
+    rate: float  #: of the samples, Hz
+    periods: int  #: number of periods
     limits: MotionLimits  #: of each joint
-    start: Quality  #: the best of some random motions
-    reached: Quality  #: what the design has made of it
+    start: Quality  #: of the best random motion, before the search
+    reached: Quality  #: of the designed motion
 
     def __repr__(self) -> str:
         lines = [
-            f"ExcitationDesign for {self.model.robot.name}: {len(self.motion)} instants at {self.rate:g} Hz",
-            f"condition number  {self.start.condition:.1f} at the start, {self.reached.condition:.1f} now",
-            f"undecided         {len(self.undecided)} of {len(self.coefficients)} coefficients",
-            "go on with        .motion, bayesid.save(this, folder)",
+            f"ExcitationDesign for {self.model.robot.name}: {len(self.motion)} samples at {self.rate:g} Hz",
+            f"condition number  {self.reached.condition:.1f} ({self.start.condition:.1f} before the search)",
+            f"undetermined      {len(self.undecided)} of {len(self.coefficients)} coefficients",
+            "next              .motion, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 
     @property
     def of_limits(self) -> Motion:
-        """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs."""
+        """Positions scaled to -1 at the lower and 1 at the upper limit; velocities and accelerations over theirs."""
         lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
         motion, centred = self.motion, 2.0 * self.motion.q - lower - upper
         dq, ddq = motion.dq / np.asarray(self.limits.velocity), motion.ddq / np.asarray(self.limits.acceleration)
@@ -101,12 +100,12 @@ class ExcitationDesign:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients that a log of this motion leaves undecided."""
+        """Indices of coefficients that a log of this motion leaves undetermined."""
         return self.reached.undecided
 
     @property
     def noise(self) -> float:
-        """Relative to the RMS efforts, at which the motion is judged."""
+        """Noise relative to the RMS efforts, for which the motion is assessed."""
         return self.reached.noise
 
 
@@ -125,29 +124,29 @@ def design_for_robot(
     arm = robot.robot if isinstance(robot, Model) else robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(settings.limits, arm)
     model = robot if isinstance(robot, Model) else Model.of(arm, terms, _fastest(limits))
-    expectation = plausible_robots(model, seed, prior)
-    search = _search(expectation, settings, limits)
+    robots = plausible_robots(model, seed, prior)
+    search = _search(robots, settings, limits)
     changes = CHANGES if settings.changes is None else settings.changes
     start, best = best_motion(search, changes, progress, seed)
-    motion = _played(best, settings)
+    motion = _all_periods(best, settings)
     return ExcitationDesign(
         model=model,
-        coefficients=expectation.coefficients,
+        coefficients=robots.coefficients,
         trajectory=best,
         motion=motion,
         rate=(len(motion) - 1) / settings.duration,
         periods=settings.periods,
         limits=limits,
-        start=quality(expectation, _played(start, settings), settings.noise),
-        reached=quality(expectation, motion, settings.noise),
+        start=quality(robots, _all_periods(start, settings), settings.noise),
+        reached=quality(robots, motion, settings.noise),
     )
 
 
-def _search(expectation: PlausibleRobots, settings: MotionSettings, limits: MotionLimits) -> MotionSearch:
-    """For a period of the motion, from rest to rest in the middle of the limits."""
-    robot, size = expectation.model.robot, expectation.size
+def _search(robots: PlausibleRobots, settings: MotionSettings, limits: MotionLimits) -> MotionSearch:
+    """Search for one period, from rest to rest in the middle of the limits."""
+    robot, size = robots.model.robot, robots.size
     usual = reference_motion(robot, limits)
-    noise = expectation.sigma(joint_grams(expectation.columns(usual)), len(usual), settings.noise)
+    noise = robots.sigma(joint_grams(robots.columns(usual)), len(usual), settings.noise)
     density = TUNING.independent_rate / float(np.mean(noise**2))
 
     def weights(motion: Motion) -> Array:
@@ -157,48 +156,44 @@ def _search(expectation: PlausibleRobots, settings: MotionSettings, limits: Moti
         precision = size[:, None] * information * size + np.eye(len(size))
         return 2.0 * log_condition_of(information) - float(np.linalg.slogdet(precision)[1]) / len(size)
 
-    memory = any(effect.memory for effect in expectation.model.effects)
+    memory = any(effect.memory for effect in robots.model.effects)
     period = settings.duration / settings.periods
     basis = SplineBasis(period, period / (TUNING.per_swing * settings.harmonics))
     middle = 0.5 * (np.array(limits.lower) + np.array(limits.upper))
-    return MotionSearch(
-        expectation.columns, weights, objective, memory, Feasibility.of(None, limits, None), basis, middle
-    )
+    return MotionSearch(robots.columns, weights, objective, memory, Feasibility.of(None, limits, None), basis, middle)
 
 
-def _played(trajectory: SplineTrajectory, settings: MotionSettings) -> Motion:
-    """All periods."""
+def _all_periods(trajectory: SplineTrajectory, settings: MotionSettings) -> Motion:
     t = instants_of(settings)
     return replace(trajectory.motion(t % trajectory.duration), t=t)
 
 
-def quality(expectation: PlausibleRobots, motion: Motion, noise: float) -> Quality:
-    """What a motion is worth: figures over its independent samples, for the expected robots."""
+def quality(robots: PlausibleRobots, motion: Motion, noise: float) -> Quality:
+    """Excitation of a motion for plausible robots."""
     step = -(-len(motion) // TUNING.assessed_instants)
-    judged = motion[::step]
-    columns, speed = expectation.columns(judged), expectation.model.robot.actuators(judged).dq
-    grams, samples = joint_grams(columns), len(judged)
+    thinned = motion[::step]
+    columns, speed = robots.columns(thinned), robots.model.robot.actuators(thinned).dq
+    grams, samples = joint_grams(columns), len(thinned)
     weight = min(1.0, TUNING.independent_rate * float(motion.t[-1] - motion.t[0]) / samples)
-    sigma = expectation.sigma(grams, samples, noise)
-    flips = expectation.joint_flips(grams, sigma, weight, groups_of(list(range(len(grams)))))
+    sigma = robots.sigma(grams, samples, noise)
+    flips = robots.joint_flips(grams, sigma, weight, groups_of(list(range(len(grams)))))
     segments = [
-        flip_segments(columns, columns @ beta, speed, sd, weight)
-        for beta, sd in zip(expectation.betas, sigma, strict=True)
+        flip_segments(columns, columns @ beta, speed, sd, weight) for beta, sd in zip(robots.betas, sigma, strict=True)
     ]
     hardest = int(np.argmin([groups.resolvability.min() for groups in flips]))
-    shown = segments[hardest]
+    of_hardest = segments[hardest]
     return Quality(
         noise=noise,
         condition=condition_of(grams),
-        uncertainty=expectation.uncertainty(grams, sigma, weight),
+        uncertainty=robots.uncertainty(grams, sigma, weight),
         joints=flips[hardest],
-        segments=replace(shown, start=shown.start * step, end=np.minimum(shown.end * step, len(motion))),
+        segments=replace(of_hardest, start=of_hardest.start * step, end=np.minimum(of_hardest.end * step, len(motion))),
         tolerance=min(noise_tolerance(*pair, noise) for pair in zip(flips, segments, strict=True)),
-        magnitude=np.abs(expectation.model.effort(motion, expectation.thetas[hardest])),
+        magnitude=np.abs(robots.model.effort(motion, robots.thetas[hardest])),
     )
 
 
 def _fastest(limits: MotionLimits) -> Motion:
-    """A motion at the highest speeds: friction's direction is smoothed over what is standstill beside them."""
+    """A motion at the highest speeds, which set the speed of standstill, where friction is smoothed."""
     speed = np.array([limits.velocity, limits.velocity])
     return Motion(np.arange(2.0), 0.0 * speed, speed, 0.0 * speed)

@@ -1,4 +1,4 @@
-"""The public `design_excitation`: for a robot without a result, or after one."""
+"""The public `design_excitation`: for a robot without a result, or after a result."""
 
 from __future__ import annotations
 
@@ -63,32 +63,31 @@ def design_excitation(  # noqa: PLR0913  options of either form
     rng: np.random.Generator | int | None = 0,
     progress: Progress | Show = SILENT,
 ) -> ExcitationDesign | NextExperiment:
-    """Designs a motion from rest to rest: one that shows a robot's coefficients, or what a result leaves open.
+    """Designs a motion from rest to rest that determines a robot's coefficients, or those a result leaves undetermined.
 
     Args:
-        subject: a robot, its name or file, or a model, which has its own terms. Or a result: an identification, an
-            identified model with its uncertainty, or a discrepancy, whose effects that its log cannot tell apart are
-            then told apart by default.
-        terms: of a robot: names of the catalogue, or terms of your own; what is to be identified.
-        about: after a result: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; without any
+        subject: a robot, its name or file, or a model with its own terms. Or a result: an identification, an identified
+            model with its uncertainty, or a discrepancy. By default a discrepancy's equivalent effects are
+            distinguished.
+        terms: for a robot: effects to be identified, names of the catalogue or terms of your own.
+        about: after a result: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; by default
             all coefficients that are not known to 10 %.
-        between: after a result: hypotheses to tell apart instead, as in ("stribeck_friction:3", "thermal_drift:3"), or
+        between: after a result: hypotheses to distinguish instead, as in ("stribeck_friction:3", "thermal_drift:3"), or
             classes of them.
-        settings: duration, rate, limits and changes to try; after a result also the start and what tells collisions.
-        prior: of a robot: parameters that are known beforehand (CAD); others are drawn.
-        recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
-            be as open as before that log.
-        criterion: after a result: "D" for the information about all together, "A" for their mean variance.
-        rng: of a robot: of the random starts and of the expected robots; a generator, a seed, or None for others each
-            time.
+        settings: duration, rate, limits and search time; after a result also start and collision model.
+        prior: for a robot: parameters known beforehand (CAD); the others are drawn.
+        recorded: motion of the result's log, if the result is a model alone. Without it, hypotheses are as uncertain as
+            before that log.
+        criterion: after a result: "D" minimises the log determinant of the covariance, "A" the mean variance.
+        rng: for a robot: of the random starts and plausible robots; a generator, a seed, or None for a random seed.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Returns:
-        A `bayesid.types.ExcitationDesign` of a robot, a `bayesid.types.NextExperiment` after a result.
+        A `bayesid.types.ExcitationDesign` for a robot, a `bayesid.types.NextExperiment` after a result.
 
     Raises:
-        InputError: the subject, a name, a number or a limit cannot be used, an option is not of this form, or the robot
-            cannot even stand still at the start.
+        InputError: the subject, a name, a number or a limit cannot be used, an option belongs to the other form, or the
+            start pose violates a limit.
 
     Example:
         >>> settings = bayesid.MotionSettings(duration=4.0, changes=40)
@@ -102,12 +101,12 @@ def design_excitation(  # noqa: PLR0913  options of either form
     if isinstance(subject, Robot | Model | str | Path):
         for name, given in (("about", about), ("between", between), ("recorded", recorded)):
             if given not in ((), None):
-                raise InputError("is of a result", field=name, remedy="give a result first: bayesid.load(folder)")
+                raise InputError("needs a result", field=name, remedy="give a result first: bayesid.load(folder)")
         chosen = STANDARD if terms is None else terms
         return design_for_robot(subject, chosen, settings=settings, prior=prior, seed=seed_of(rng), progress=progress)
     if terms is not None:
         raise InputError(
-            "cannot be given with a result, which has its own", field="terms", remedy="leave them out, or say `about`"
+            "cannot be given with a result, which has its own", field="terms", remedy="leave them out, or give `about`"
         )
     return design_next(
         subject, about, between, settings=settings, recorded=recorded, criterion=criterion, progress=progress

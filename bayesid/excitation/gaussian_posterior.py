@@ -1,13 +1,13 @@
-"""Posterior covariance of a result, and its prediction after one more recording.
+"""Normal posterior of a result, and its prediction after one more recording.
 
-The R quantities are the model's base coefficients and, where gains were unknowns, the logarithms of the gains. They are
-normally distributed with the inverse covariance L of the result, which includes prior, cone and earlier logs. A
-separate covariance M describes model error. After a recording of information H, the first covariance is
+The R quantities are the model's base coefficients and the logarithms of unknown gains. They are normal with the inverse
+covariance L of the result, which includes prior, cone and earlier logs. A separate covariance M describes model error.
+After a recording of information H, the covariance without model error is
 
     P = (L + H)^-1.   (:eq:`next-covariance`)
 
-M is zero if the model is right. All of it remains if the new recording is affected by the same model error. So there
-are two predictions, P and P + M. A motion is designed by P, as no motion changes the model error.
+P holds if the model is right, P + M if the new recording has the same model error. A motion is designed by P, as no
+motion changes the model error.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.excitation.resolvability import (
-    plausible_robots,
     expected_segments,
     information_of,
-    wrong_sign_probability,
+    plausible_robots,
     resolvability,
+    wrong_sign_probability,
 )
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, SURE
@@ -36,12 +36,12 @@ from bayesid.robot import Robot
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits, random_trajectory
 
 _ROUNDING = 1e-12
-"""Least eigenvalue of a scaled covariance, relative to the largest."""
+"""Least eigenvalue of a scaled covariance, relative to the largest: rounding."""
 
 
 @dataclass(frozen=True)
 class GaussianPosterior:
-    """R quantities of a result, and what a motion shows of them."""
+    """R normally distributed quantities of a result, and the information of a motion about them."""
 
     model: Model  # robot and terms, without sensor distortions
     coefficients: BaseCoefficients  # its r base coefficients, the first of the quantities
@@ -52,7 +52,7 @@ class GaussianPosterior:
     precision: Array  # (R, R) L
     model_error_covariance: Array  # (R, R) M
     gains: Integers  # (g,) 0-based joints whose gains are among the quantities
-    density: Array  # (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance
+    density: Array  # (n,) independent samples per second over the noise variance, 1/(s N^2 m^2)
     assumed_prior: bool = False  # whether the prior of some coefficients is the spread over random plausible robots
 
     def __len__(self) -> int:
@@ -67,7 +67,7 @@ class GaussianPosterior:
     def undelayed(self) -> GaussianPosterior:
         """The same without the delay of logged efforts.
 
-        A delay changes neither the information of a motion from rest to rest nor its limits, but it keeps state.
+        A delay does not change the information of a motion from rest to rest, but makes rows depend on earlier samples.
         """
         return replace(self, model=self.model.undelayed)
 
@@ -89,11 +89,11 @@ class GaussianPosterior:
         return moving * (self.density * period_of(motion))
 
     def information(self, motion: Motion) -> Array:
-        """(R, R) of a recording."""
+        """(R, R) information of a recording."""
         return information_of(self.columns(motion), self.weights(motion))
 
     def covariance(self, information: Array) -> Array:
-        """(R, R) P after a recording of some information (R, R)."""
+        """(R, R) P after a recording of an information (R, R)."""
         return inverse_of(self.precision + information)
 
     @cached_property
@@ -103,17 +103,17 @@ class GaussianPosterior:
 
     @cached_property
     def root(self) -> Array:
-        """(R, R) of that covariance: it is root root'."""
+        """(R, R) root of `covariance_now` = root root'."""
         return root_of(self.covariance_now)
 
     def undetermined(self, sd: Array) -> Mask:
-        """(R,) whether standard deviations (R,) are more than `KNOWN` of the values; of logarithms, more than that."""
+        """(R,) whether standard deviations (R,) exceed `KNOWN` times the value; for logarithms, `KNOWN`."""
         relative = np.arange(len(self)) >= len(self.coefficients)
         return sd > KNOWN * np.where(relative, 1.0, np.abs(self.mean))
 
 
 def gaussian_posterior(identified: IdentifiedModel, rate: float) -> GaussianPosterior:
-    """Posterior of an identified model; the new recording, at a rate in Hz, has the noise of the result's log."""
+    """Posterior of an identified model; the new recording has the noise of the result's log, at a rate in Hz."""
     model, noise, draws = identified.model.before_sensors, identified.noise.with_time_of_model(rate), identified.draws
     base, density = base_coefficients(model), rate / (noise.sigma**2 * noise.autocorrelation)
     beta, precision, none = base.project(identified.theta), identified.precision, np.empty(0, dtype=np.int64)
@@ -151,31 +151,32 @@ def gaussian_posterior(identified: IdentifiedModel, rate: float) -> GaussianPost
 
 
 def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
-    """Eigenvalues and eigenvectors of a symmetric matrix, scaled to a diagonal of ones; its scale."""
+    """Eigenvalues and eigenvectors of a symmetric matrix scaled to a unit diagonal, and the scale."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), TINY))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
     return values, vectors, scale
 
 
 def root_of(matrix: Array, least: float = 0.0) -> Array:
-    """(R, R) whose product with its transpose is a matrix, but for eigenvalues below a share of the largest."""
+    """(R, R) root with root root' = matrix, its scaled eigenvalues at least a share of the largest."""
     values, vectors, scale = scaled_spectrum(matrix)
     root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, least * values[-1]))
     return root
 
 
 def _at_least(matrix: Array, least: float) -> Array:
-    """A symmetric matrix whose scaled eigenvalues are no less than a share of the largest."""
+    """The matrix with scaled eigenvalues of at least a share of the largest."""
     root = root_of(matrix, least)
     return root @ root.T
 
 
 def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
-    """(R, R) by which the covariance of some draws is more than an inverse covariance L says, but by chance.
+    """(R, R) significant excess of the covariance of K draws over the inverse of L.
 
-    Of K draws that are as L says, the scaled covariance has eigenvalues up to (1 + sqrt(R / K))^2 (Marchenko and
-    Pastur, 1967). A true l > 1 + sqrt(R / K) comes out as l + l (R / K) / (l - 1) (Baik and Silverstein, Eigenvalues of
-    large sample covariance matrices of spiked population models, 2006), which is undone; a smaller one is not seen.
+    For K draws from the inverse of L, the scaled covariance has eigenvalues up to (1 + sqrt(R / K))^2 (Marchenko and
+    Pastur, 1967). A true eigenvalue l > 1 + sqrt(R / K) has the estimate l + l (R / K) / (l - 1) (Baik and Silverstein,
+    Eigenvalues of large sample covariance matrices of spiked population models, 2006), which is inverted here. Smaller
+    ones cannot be detected.
     """
     share, root = len(covariance) / draws, root_of(precision)
     found, turn = np.linalg.eigh(root.T @ covariance @ root)
@@ -187,26 +188,26 @@ def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
 
 
 def period_of(motion: Motion) -> float:
-    """Seconds from one of its even samples to the next."""
+    """Sampling period, s, of an evenly sampled motion."""
     return float(motion.t[-1] - motion.t[0]) / max(len(motion) - 1, 1)
 
 
 def certain_share(posterior: GaussianPosterior, motion: Motion) -> float:
-    """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
+    """Share of the |effort| in motion in segments whose sign will be 99 % certain, mean over the joints.
 
-    A segment's sign is doubtful where flipping it costs little (:eq:`resolvability`); prior information counts as data.
-    Segments end where effort or speed change their sign. They are flipped one by one.
+    The probability of a wrong sign follows from the resolvability (:eq:`resolvability`), with the prior as information.
+    Segments end where effort or speed change sign. They are flipped one by one.
     """
     columns, weights, r = posterior.columns(motion), posterior.weights(motion), len(posterior.coefficients)
     effort, speed = columns[:, :, :r] @ posterior.mean[:r], posterior.model.robot.actuators(motion).dq
     joint, start, _, gradient, energy = expected_segments(columns, effort, speed, weights)
-    left = posterior.covariance(information_of(columns, weights))
-    certain = wrong_sign_probability(resolvability(left, gradient, energy)) <= 1.0 - SURE
+    covariance = posterior.covariance(information_of(columns, weights))
+    certain = wrong_sign_probability(resolvability(covariance, gradient, energy)) <= 1.0 - SURE
     n_samples, n = effort.shape
     size = np.add.reduceat((np.abs(effort) * (weights > 0.0)).T.ravel(), joint * n_samples + start)
-    whole, sure = np.bincount(joint, size, n), np.bincount(joint, size * certain, n)
-    moving = whole > 0.0
-    return float((sure[moving] / np.maximum(whole[moving], TINY)).mean()) if moving.any() else 0.0
+    total, sure = np.bincount(joint, size, n), np.bincount(joint, size * certain, n)
+    moving = total > 0.0
+    return float((sure[moving] / np.maximum(total[moving], TINY)).mean()) if moving.any() else 0.0
 
 
 def reference_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:

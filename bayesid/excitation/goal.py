@@ -15,34 +15,34 @@ from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN
 
 _NONE = 1e-9
-"""Share of a coefficient below which a parameter's is rounding."""
+"""Rounding error of a parameter's weight in a coefficient."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """m linear combinations of quantities to be determined."""
+    """m linear combinations of quantities, and the standard deviations to be reached."""
 
     names: tuple[str, ...]  # (m,)
     forms: Array  # (m, R) coefficients of the combinations
     required_sd: Array  # (m,) sufficient standard deviations
-    remarks: tuple[str, ...] = ()  # sentences on what is not identifiable
+    remarks: tuple[str, ...] = ()  # on what is not identifiable
 
     def scaled_covariance(self, covariance: Array) -> Array:
-        """(m, m) covariance of the combinations over the required sd, from that of the quantities (R, R)."""
+        """(m, m) covariance of the combinations in units of the required sd, from that of the quantities (R, R)."""
         forms = self.forms / self.required_sd[:, None]
         return forms @ covariance @ forms.T
 
     def log_det(self, covariance: Array) -> float:
-        """Log det(1 + W^-1 F C F' W^-1): twice the remaining information about the combinations F, in nats.
+        """Log det(1 + W^-1 F C F' W^-1): twice the information still missing about the combinations F, in nats.
 
-        See :eq:`next-information`. D-optimality, except that a combination known to its required sd hardly counts
+        See :eq:`next-information`. It is D-optimality, but a combination known to its required sd hardly counts
         (Chaloner and Verdinelli, Bayesian Experimental Design: A Review, 1995, section 2.2).
         """
         scaled_covariance = self.scaled_covariance(covariance)
         return float(np.linalg.slogdet(np.eye(len(scaled_covariance)) + scaled_covariance)[1])
 
     def mean_variance(self, covariance: Array) -> float:
-        """Mean variance of the combinations over the required variance: A-optimality (ibid., section 2.3)."""
+        """Mean of variance over required variance: A-optimality (ibid., section 2.3)."""
         return float(np.trace(self.scaled_covariance(covariance)) / len(self.required_sd))
 
     def gain(self, before: Array, after: Array) -> float:
@@ -51,11 +51,11 @@ class Goal:
 
 
 CRITERIA = {"D": Goal.log_det, "A": Goal.mean_variance}
-"""By name; the less, the better."""
+"""Criteria by name; minimised."""
 
 
 def undetermined_coefficients(posterior: GaussianPosterior) -> list[int]:
-    """Coefficients whose standard deviation is more than `KNOWN` of their value."""
+    """Indices of coefficients whose standard deviation exceeds `KNOWN` times their value."""
     return np.flatnonzero(
         posterior.undetermined(np.sqrt(np.diag(posterior.covariance_now)))[: len(posterior.coefficients)]
     ).tolist()
@@ -66,9 +66,9 @@ def goal_of(posterior: GaussianPosterior, about: Sequence[str] = (), payload: st
 
     Args:
         posterior: of the result.
-        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; by default all
-            that are undetermined.
-        payload: label of what the flange carries.
+        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; by default all undetermined
+            coefficients.
+        payload: label of the payload on the flange.
 
     Raises:
         InputError: a name is unknown, or none of the quantities is identifiable.
@@ -92,7 +92,7 @@ def goal_of(posterior: GaussianPosterior, about: Sequence[str] = (), payload: st
 
 def _of_places(posterior: GaussianPosterior, chosen: list[int], remarks: tuple[str, ...] = ()) -> Goal:
     sd = np.sqrt(np.diag(posterior.covariance_now))
-    required_sd = np.maximum(KNOWN * np.abs(posterior.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
+    required_sd = np.maximum(KNOWN * np.abs(posterior.mean), 1e-6 * sd)  # positive for a quantity that is zero
     return Goal(tuple(posterior.names[k] for k in chosen), np.eye(len(posterior))[chosen], required_sd[chosen], remarks)
 
 
@@ -104,33 +104,33 @@ def _named(posterior: GaussianPosterior, name: str, payload: str) -> Goal:
     coefficients, parameters = posterior.coefficients, [parameter.name for parameter in posterior.model.parameters]
     if name in coefficients.names:
         place = coefficients.names.index(name)
-        behind = coefficients.expressions[place]
-        said = f"{name} is not identifiable alone, only the combination {behind}; this is the goal"
-        return _of_places(posterior, [place], () if behind == name else (said,))
+        combination = coefficients.expressions[place]
+        remark = f"{name} is not identifiable alone, only the combination {combination}; this is the goal"
+        return _of_places(posterior, [place], () if combination == name else (remark,))
     if name in parameters:
-        holding = _holding(posterior, [parameters.index(name)])
-        if not holding:
+        depending = _depending(posterior, [parameters.index(name)])
+        if not depending:
             return _of_places(posterior, [], (f"{name} is not identifiable: efforts do not depend on it",))
-        names = ", ".join(posterior.names[k] for k in holding)
-        said = f"{name} is not identifiable alone, only the combinations {names}; these are the goal"
-        return _of_places(posterior, holding, (said,))
+        names = ", ".join(posterior.names[k] for k in depending)
+        remark = f"{name} is not identifiable alone, only the combinations {names}; these are the goal"
+        return _of_places(posterior, depending, (remark,))
     for term, places in zip(posterior.model.terms, posterior.model.places, strict=True):
         if name in (term.name, term.effect):
-            return _of_places(posterior, _holding(posterior, places))
+            return _of_places(posterior, _depending(posterior, places))
     near = near_names(name, [*coefficients.names, *parameters, *(t.effect for t in posterior.model.terms), *special])
-    alike = [one for one in coefficients.names if one[:2] == name[:2]][:6] or coefficients.names[:6]
-    remedy = f"name coefficients ({', '.join(alike)}, ..), effects, gains, payload or signs"
+    similar = [other for other in coefficients.names if other[:2] == name[:2]][:6] or coefficients.names[:6]
+    remedy = f"give coefficients ({', '.join(similar)}, ..), effects, gains, payload or signs"
     raise InputError(f"{name!r} is not a quantity of the model", field="about", remedy=f"{near} {remedy}".strip())
 
 
-def _holding(posterior: GaussianPosterior, places: slice | list[int]) -> list[int]:
-    """Coefficients that hold parameters of some places."""
+def _depending(posterior: GaussianPosterior, places: slice | list[int]) -> list[int]:
+    """Indices of coefficients that depend on parameters at some places."""
     shares = np.abs(posterior.coefficients.projection[:, places])
     return np.flatnonzero(shares.max(axis=1, initial=0.0) > _NONE).tolist()
 
 
 def _gains(posterior: GaussianPosterior) -> Goal:
-    """Ratios of gains to the first unknown one; their common factor is not identifiable from a motion."""
+    """Ratios of gains to the first unknown one; a motion does not determine their common factor."""
     count, r = len(posterior.gains), len(posterior.coefficients)
     if not count:
         return _of_places(posterior, [], ("the result's gains are exact: nothing to estimate",))
@@ -149,28 +149,34 @@ def _gains(posterior: GaussianPosterior) -> Goal:
 def _payload(posterior: GaussianPosterior, payload: str) -> Goal:
     labels = posterior.model.payloads
     if labels and not payload:
-        said = f"the result has payloads {', '.join(labels)}, the motion has none"
-        remedy = f"give the payload that is recorded with it, as {labels[0]}"
-        raise InputError(said, "payload", remedy, field="about")
+        problem = f"the result has payloads {', '.join(labels)}, the motion has none"
+        remedy = f"give the payload of the recording, as {labels[0]}"
+        raise InputError(problem, "payload", remedy, field="about")
     terms, n = zip(posterior.model.terms, posterior.model.places, strict=True), posterior.model.robot.n_joints
-    own = [place for term, place in terms if payload in term.payloads or term.needs_earlier]
-    if own:
-        return _of_places(posterior, _holding(posterior, [k for place in own for k in range(place.start, place.stop)]))
+    places = [place for term, place in terms if payload in term.payloads or term.needs_earlier]
+    if places:
+        return _of_places(
+            posterior, _depending(posterior, [k for place in places for k in range(place.start, place.stop)])
+        )
     remarks = (
-        "a payload is not distinguishable from the last link in one recording: record once without and once with it "
+        "one recording does not distinguish a payload from the last link: record once without and once with it "
         "(--payload LABEL@LOG, or `bayesid payload`)",
     )
-    last = [k for k, one in enumerate(posterior.model.parameters) if one.joint == n and one.name[:1] in "mJ"]
-    return _of_places(posterior, _holding(posterior, last), remarks)
+    last = [
+        k
+        for k, parameter in enumerate(posterior.model.parameters)
+        if parameter.joint == n and parameter.name[:1] in "mJ"
+    ]
+    return _of_places(posterior, _depending(posterior, last), remarks)
 
 
 def _signs(posterior: GaussianPosterior) -> Goal:
     """Efforts of a random motion, as combinations of coefficients in units of the noise.
 
-    A sign is certain where the error of the predicted effort is small compared with the effort.
+    A sign is certain if the error of the predicted effort is small compared with the effort.
     """
     motion = reference_motion(posterior.model.robot)
     forms = root_of(posterior.information(motion) / (motion.t[-1] - motion.t[0])).T
     names = tuple(f"effort{k + 1}" for k in range(len(forms)))
-    remarks = ("motion design did not improve signs in 291 simulated logs",)
+    remarks = ("no design criterion is known to improve signs (docs/excitation.md)",)
     return Goal(names, forms, np.full(len(forms), TUNING.sign_error), remarks)

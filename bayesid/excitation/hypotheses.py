@@ -1,4 +1,4 @@
-"""Which hypotheses a motion is to distinguish: named by the user, or left equivalent by a discrepancy."""
+"""Hypotheses that a motion is to distinguish: named by the user, or equivalent in a discrepancy."""
 
 from __future__ import annotations
 
@@ -14,36 +14,33 @@ from bayesid.regression.selection.hypotheses import EffectKey
 
 EXAMPLE = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
 Changes = Mapping[EffectKey, Mapping[str, float]]
-"""Hypotheses that change parameters of a term, and by how much, where the result has found it."""
+"""Hypotheses that change parameters of a term, with the change of each parameter if the result has it."""
 Classes = tuple[tuple[EffectKey, ...], ...]
-"""Classes of hypotheses to be distinguished within each class, in the order of their names."""
+"""Classes of hypotheses; those of one class are to be distinguished."""
 
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """Classes of effects to be distinguished, and those of them that are changes of a term."""
+    """Classes of effects to be distinguished, and which of them are changes of a term."""
 
     classes: Classes = ()
     changed: Changes = field(default_factory=dict)
 
 
 def hypotheses_of(names: Sequence[str]) -> Hypotheses:
-    """One class by its names, as in ("stribeck_friction:3", "thermal_drift:3"); none of no names."""
+    """One class by its names, as in ("stribeck_friction:3", "thermal_drift:3"); none if there are no names."""
     return Hypotheses((tuple(map(parse_key, names)),) if names else ())
 
 
-def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: bool) -> Hypotheses:
-    """Hypotheses of a discrepancy that has found some effects.
-
-    Where no classes are named and they are asked for, the effects that its log could not distinguish are used.
-    """
+def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, equivalents: bool) -> Hypotheses:
+    """Hypotheses of a discrepancy; without `classes`, its equivalent effects if `equivalents` is true."""
     changed: dict[EffectKey, dict[str, float]]
     changed = {score.key: {} for added in found for score in added.competing if score.hypothesis.changes}
     for added in found:
         if names := added.hypothesis.changes:
             changed[added.hypothesis.key] = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in names}
-    if asked and not classes:
-        classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found])
+    if equivalents and not classes:
+        classes = equivalent_classes([(added.effect, added.joints, _equivalents(added)) for added in found])
     return Hypotheses(classes, changed)
 
 
@@ -56,8 +53,8 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, 
     """Classes of hypotheses that a log could not distinguish.
 
     Args:
-        found: of each effect that was found its name, its joints, and the effects that are equivalent with theirs. An
-            effect whose joints are not known acts in the same, or in the whole robot where it can in no joint alone.
+        found: name and joints of each effect, and its equivalent effects with their joints. None for joints means the
+            same joints, or the whole robot for effects that act on it.
     """
     whole = {name for name, kind in main_forms().items() if kind.acts_on == "robot"}
 
@@ -65,7 +62,7 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, 
         return effect, joints if joints is not None else () if effect in whole else beside
 
     return tuple(
-        ((effect, joints), *(placed(one, where, joints) for one, where in others.items()))
+        ((effect, joints), *(placed(name, where, joints) for name, where in others.items()))
         for effect, joints, others in found
         if others
     )

@@ -1,14 +1,14 @@
-"""What the joints may do, from a file: a TOML table of limits, or a URDF.
+"""Joint limits from a file: a TOML table of limits, or a URDF.
 
-    lower = [-2.9, -1.9, -2.0]     # rad (m for a joint that slides); one number for all joints, or one each
+    lower = [-2.9, -1.9, -2.0]     # rad (m for a prismatic joint); one number for all joints, or one per joint
     upper = [2.9, 1.9, 2.0]
     velocity = 2.5                 # rad/s
     acceleration = [8, 8, 12]      # rad/s^2
     jerk = 200                     # rad/s^3
-    effort = [80, 80, 40]          # N m (N for a joint that slides), of the actuators
+    effort = [80, 80, 40]          # N m (N for a prismatic joint), of the actuators
 
-A key that is missing has the default of `MotionLimits`: of jerk and effort none. A URDF knows no accelerations and no
-jerks: they have the defaults too.
+Missing keys have the defaults of `MotionLimits`: jerk and effort are unlimited. A URDF holds no limits of acceleration
+or jerk; they have the defaults too.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bayesid.robot.urdf_tree import UrdfJoint, read_tree
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
 _KEYS = tuple(field.name for field in fields(MotionLimits))
-_REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number a joint"
+_REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number per joint"
 
 
 def read_limits(path: str | Path, robot: Robot | None = None, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
@@ -57,15 +57,15 @@ def _of_table(table: Mapping[str, Any], where: str, default: MotionLimits = INDU
 
 
 def check_limits(limits: MotionLimits | Mapping[str, Any] | str | Path | None, robot: Robot) -> MotionLimits:
-    """The limits, or the usual ones where none are given, as one number for each of the robot's joints.
+    """The limits, by default `INDUSTRIAL_ARM`, with one number per joint of the robot.
 
     Raises:
-        InputError: there are limits for another number of joints, or none for a joint that slides.
+        InputError: the limits are for another number of joints, or a prismatic joint has none.
     """
     n = robot.n_joints
     sliding = [j for j, joint in enumerate(robot.joints, start=1) if joint.prismatic]
     if limits is None and sliding:
-        problem = f"joint {sliding[0]} slides, and there are no limits for it"
+        problem = f"prismatic joint {sliding[0]} has no limits"
         raise InputError(problem, field="limits", remedy="give a file with the limits of the joints")
     if isinstance(limits, str | Path):
         limits = read_limits(limits, robot)
@@ -79,13 +79,13 @@ def check_limits(limits: MotionLimits | Mapping[str, Any] | str | Path | None, r
         values = np.atleast_1d(getattr(limits, key))
         if len(values) not in (1, n):
             problem = f"{len(values)} numbers for '{key}', robot {robot.name} has {n} joints"
-            raise InputError(problem, field="limits", remedy="give one number, or one a joint")
+            raise InputError(problem, field="limits", remedy="give one number, or one per joint")
         each[key] = tuple(np.broadcast_to(values, n).tolist())
     return MotionLimits(**each)
 
 
 def check_between(value: float, least: float, most: float, field: str, unit: str) -> None:
-    """Raises InputError about a field whose value is not between two others."""
+    """Raises InputError if a field's value is out of range."""
     if not least <= value <= most:
         raise InputError(f"{value:g} {unit} cannot be used", field=field, remedy=f"give {least:g} to {most:g} {unit}")
 
@@ -93,7 +93,7 @@ def check_between(value: float, least: float, most: float, field: str, unit: str
 def _made(table: dict[str, Any], where: str, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
     sizes = sorted({len(value) for value in table.values() if isinstance(value, tuple)})
     if len(sizes) > 1:
-        raise InputError(f"lists of {sizes[0]} and of {sizes[-1]} numbers", where, "give one number a joint")
+        raise InputError(f"lists of {sizes[0]} and of {sizes[-1]} numbers", where, "give one number per joint")
     try:
         return replace(default, **table)
     except ValueError as error:
@@ -120,19 +120,19 @@ def _urdf_limits(text: str, robot: Robot | None, where: str) -> MotionLimits:
     if not joints:
         raise InputError("has no moving joint", where, "give a URDF of an arm")
     if not names and any(joint not in tree.path(joints[-1].child) for joint in joints):
-        raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
+        raise InputError("has branches", where, "give the limits in a TOML file")
     lower, upper, velocity, effort = zip(*(_joint_limits(joint, where) for joint in joints), strict=True)
     limited = {} if not np.isfinite(effort).any() else {"effort": effort}
     return _made({"lower": lower, "upper": upper, "velocity": velocity, **limited}, where)
 
 
 def _joint_limits(joint: UrdfJoint, where: str) -> tuple[float, float, float, float]:
-    """Lower, upper, velocity and effort; the usual ones where the file does not say, or a joint turns without end."""
+    """Lower, upper, velocity and effort; defaults if the file lacks them or the joint is continuous."""
     lower, upper, velocity = joint.range
-    usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity]).tolist()
+    default = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity]).tolist()
     if joint.kind == "continuous" or not 0.0 < upper - lower <= 4.0 * np.pi:
         if joint.kind == "prismatic":
-            raise InputError("slides, and has no limits", f"{where}, joint {joint.name}", "give them in a TOML file")
-        lower, upper = usual[:2]
-    velocity = velocity if 0.0 < velocity < LARGEST else usual[2]
+            raise InputError("is prismatic without limits", f"{where}, joint {joint.name}", "give them in a TOML file")
+        lower, upper = default[:2]
+    velocity = velocity if 0.0 < velocity < LARGEST else default[2]
     return lower, upper, velocity, np.inf if joint.rated_effort is None else joint.rated_effort

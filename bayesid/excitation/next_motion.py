@@ -1,9 +1,8 @@
-"""The next motion: a feasible motion whose recording determines most of what a result leaves undetermined.
+"""The next motion: the feasible motion whose recording determines most of what a result leaves undetermined.
 
-A result gives the uncertainty of its coefficients; a discrepancy gives the effects that its log cannot distinguish. The
-search covers motions from rest to rest that a robot can run (`bayesid.excitation.splines`). It maximises the
-information about chosen coefficients (`bayesid.excitation.goal`) or the Bayes factor between hypotheses
-(`bayesid.excitation.competing`). The uncertainty after the recording is predicted before anything is run.
+The search covers motions from rest to rest within limits of effort and distance (`bayesid.excitation.splines`). It
+maximises the information about chosen coefficients (`bayesid.excitation.goal`) or the Bayes factors between equivalent
+effects (`bayesid.excitation.competing`). The uncertainty after the recording is predicted.
 """
 
 from __future__ import annotations
@@ -41,62 +40,62 @@ from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.robot.collision import CollisionModel, NoShapes
 from bayesid.simulation.trajectories import MotionLimits
 
-_SUPPOSED = (
+_ASSUMED_PRIOR = (
     "no prior for some coefficients; the spread over random plausible robots is used (identify without --no-posterior)"
 )
 SPEEDS = (0.1, 0.3, 1.0)
-"""Shares of the speed at which a new motion is played, one after the other."""
+"""Shares of the planned speed for which programs are written, as a new motion is first played slowly."""
 
 
 @dataclass(frozen=True)
 class PredictedKnowledge:
     """Predicted uncertainty after a recording."""
 
-    names: tuple[str, ...]  # (m,) of the coefficients, and of gains where they are unknown
+    names: tuple[str, ...]  # (m,) of the coefficients and unknown gains
     units: tuple[str, ...]  # (m,)
     mean: Array  # (m,) values now
     sd_now: Array  # (m,) standard deviations now
     sd: Array  # (m,) after the recording, if the model is right
-    sd_lacking: Array  # (m,) after it, if all of the model error remains
-    gain: float  # of information about the goal, nats; 0 where hypotheses are to be distinguished
-    log10_bayes_factors: dict[tuple[str, str], float]  # expected, of each hypothesis where it is true, against each
-    certain_signs: float  # share of the |effort| in motion whose sign will be sure to 99 %
-    open_now: int  # coefficients, and gains, known to less than `KNOWN` of their value
-    open: int  # and after the recording, if the model is right
-    open_lacking: int  # and after it, if all of the model error remains
+    sd_lacking: Array  # (m,) after it, if the model error stays
+    gain: float  # of information about the goal, nats; 0 if hypotheses are to be distinguished
+    log10_bayes_factors: dict[tuple[str, str], float]  # expected, of (true hypothesis, alternative)
+    certain_signs: float  # share of the |effort| in motion whose sign will be 99 % certain
+    open_now: int  # undetermined coefficients and gains: sd above `KNOWN` times their value
+    open: int  # after the recording, if the model is right
+    open_lacking: int  # after it, if the model error stays
 
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """A motion to be run and recorded."""
+    """A designed motion after a result."""
 
-    known: GaussianPosterior  #: the result that it was designed for
+    known: GaussianPosterior  #: posterior of the result
     trajectory: SplineTrajectory  #: the motion, exact at every instant
-    settings: MotionSettings  #: settings, limits and start with one number for each joint
-    goal: Goal | None  #: what it determines; None where it distinguishes hypotheses
-    competing: tuple[CompetingEffects, ...]  #: classes of hypotheses that it distinguishes
+    settings: MotionSettings  #: with limits and start of one number per joint
+    goal: Goal | None  #: quantities to be determined; None if hypotheses are distinguished
+    competing: tuple[CompetingEffects, ...]  #: classes of hypotheses to be distinguished
     predicted: PredictedKnowledge  #: uncertainty after its recording
-    #: the same after a random motion within the same limits, except those of efforts and collisions
+    #: uncertainty after a random motion within the same limits, but without limits of efforts and distance
     of_random: PredictedKnowledge
-    feasibility: Feasibility  #: the limits that it keeps, by which its efforts are predicted
-    remarks: tuple[str, ...]  #: sentences on what is not identifiable, and on the assumptions of the predictions
-    unchecked: tuple[str, ...]  #: sentences on what was not checked
-    allowed_speeds: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, so it may be played
-    seconds: float  #: of the design
-    correct: str | None = None  #: how the result's log was corrected as it was read: programs count as before that
+    feasibility: Feasibility  #: its constraints, with the predicted efforts
+    remarks: tuple[str, ...]  #: on what is not identifiable, and on the assumptions of the predictions
+    unchecked: tuple[str, ...]  #: what was not checked
+    allowed_speeds: tuple[float, ...]  #: those of `SPEEDS` at which efforts are within their limits
+    seconds: float  #: time of the design
+    correct: str | None = None  #: `--correct` of the result's log; programs use positions before that correction
 
     def __repr__(self) -> str:
-        after, now = self.predicted.open, self.predicted.open_now
+        after, now, settings = self.predicted.open, self.predicted.open_now, self.settings
         lines = [
-            f"NextExperiment for {self.known.model.robot.name}: {self.settings.duration:g} s at {self.settings.rate:g} Hz",
-            f"coefficients  {now} of {len(self.predicted.names)} undetermined now, {after} after its recording if the "
-            f"model is right, {self.predicted.open_lacking} at most ({self.of_random.open} after a random motion)",
+            f"NextExperiment for {self.known.model.robot.name}: {settings.duration:g} s at {settings.rate:g} Hz",
+            f"undetermined  {now} of {len(self.predicted.names)} coefficients now, {after} after its recording, "
+            f"{self.predicted.open_lacking} if the model error stays ({self.of_random.open} after a random motion)",
             *(
-                f"distinguished {true} from {other}: log10 Bayes factor {value:.1f}"
+                f"log10 Bayes factor of {true} against {other}: {value:.1f}"
                 for (true, other), value in self.predicted.log10_bayes_factors.items()
             ),
             f"not checked   {'; '.join(self.unchecked) or 'nothing'}",
-            "go on with    .motion, .predicted, .never, bayesid.save(this, folder)",
+            "next          .motion, .predicted, .remarks, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 
@@ -107,7 +106,7 @@ class NextExperiment:
 
     @property
     def effort_band(self) -> tuple[Array, Array]:
-        """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations, noise apart."""
+        """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations without noise."""
         return self.feasibility.effort_band(self.motion)
 
     @property
@@ -117,28 +116,28 @@ class NextExperiment:
 
     @property
     def limits(self) -> MotionLimits:
-        """Of the joints, one number each."""
+        """Joint limits, one number per joint."""
         assert isinstance(self.settings.limits, MotionLimits)
         return self.settings.limits
 
     @property
     def clearance(self) -> CollisionModel | None:
-        """The collision model."""
+        """The collision model; None if there is none."""
         return shapes_of(self.settings)
 
     @property
     def checked(self) -> tuple[str, ...]:
         """What was checked."""
         limits, clearance = self.limits, self.clearance
-        said = ["positions, velocities and accelerations at every instant"]
+        checks = ["positions, velocities and accelerations at every instant"]
         if limits.jerk is not None:
-            said.append("jerks at every instant")
+            checks.append("jerks at every instant")
         if self.feasibility.has_effort_limits:
-            carried = f", with {self.settings.payload} on the flange" if self.settings.payload else ""
-            said.append(f"efforts within {TUNING.effort_sds:g} standard deviations of their prediction{carried}")
+            payload = f", with {self.settings.payload} on the flange" if self.settings.payload else ""
+            checks.append(f"efforts within {TUNING.effort_sds:g} standard deviations of their prediction{payload}")
         if clearance is not None:
-            said.append(f"distances of {clearance.margin:g} m at every instant: {clearance.source}")
-        return tuple(said)
+            checks.append(f"distances of {clearance.margin:g} m at every instant: {clearance.source}")
+        return tuple(checks)
 
 
 @one_blas_thread
@@ -152,24 +151,7 @@ def design_next(
     criterion: str = "D",
     progress: Progress | Show = SILENT,
 ) -> NextExperiment:
-    """Designs the motion whose recording determines most of what a result leaves undetermined.
-
-    Args:
-        result: an identification, an identified model with its uncertainty, or a discrepancy. By default a
-            discrepancy's indistinguishable effects are then distinguished.
-        about: names of coefficients, parameters or effects, or `gains`, `payload`, `signs`; by default all
-            coefficients that are not known to 10 %.
-        between: hypotheses to distinguish instead, as in ("stribeck_friction:3", "thermal_drift:3"), or classes.
-        run: duration, rate, start, limits and collision model.
-        recorded: the motion of the result's log, where the result is a model alone. Without it hypotheses are
-            assumed as undetermined as before that log.
-        criterion: "D" for the information about all together, "A" for their mean variance.
-        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
-
-    Raises:
-        InputError: the result, a name, a number or a limit cannot be used, or the robot cannot even stand still at the
-            start.
-    """
+    """`bayesid.design_excitation` after a result; its arguments are explained there."""
     progress = Progress.of(progress)
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
@@ -189,11 +171,10 @@ def design_next(
     )
     goal = None if competing else goal_of(posterior, about, settings.payload)
     search = _search_of(posterior, criterion, goal, competing, feasibility, still)
-    usual = TUNING.hypothesis_changes if goal is None else TUNING.coefficient_changes
-    _, trajectory = best_motion(
-        search, settings.changes or (usual // TUNING.whole_motion_factor if search.whole_motion else usual), progress
-    )
-    alike = [pair for made in competing for pair in indistinguishable(made, reference)]
+    changes = TUNING.hypothesis_changes if goal is None else TUNING.coefficient_changes
+    changes = settings.changes or (changes // TUNING.whole_motion_factor if search.whole_motion else changes)
+    _, trajectory = best_motion(search, changes, progress)
+    same = [pair for effects in competing for pair in indistinguishable(effects, reference)]
     return NextExperiment(
         known=posterior,
         trajectory=trajectory,
@@ -204,9 +185,9 @@ def design_next(
         of_random=_prediction(posterior, goal, competing, random),
         feasibility=feasibility,
         remarks=(
-            *([_SUPPOSED] if posterior.assumed_prior else []),
+            *([_ASSUMED_PRIOR] if posterior.assumed_prior else []),
             *(() if goal is None else goal.remarks),
-            *(f"{one} and {other} are not distinguishable: efforts are the same under both" for one, other in alike),
+            *(f"no motion distinguishes {a} and {b}: efforts are the same under both" for a, b in same),
         ),
         unchecked=_unchecked(settings, limits, assumed=unlimited),
         allowed_speeds=tuple(share for share in SPEEDS if _keeps_effort_limits_at(feasibility, trajectory, share)),
@@ -232,12 +213,13 @@ def _taken(
     between: Sequence[str] | Hypotheses,
     about: Sequence[str],
 ) -> tuple[IdentifiedModel, Motion | None, Hypotheses]:
-    """The model, the motion of its log, and the hypotheses."""
+    """The identified model, the motion of its log, and the hypotheses."""
     named = between if isinstance(between, Hypotheses) else hypotheses_of(between)
     if named.classes and about:
-        raise InputError("asks for coefficients and for hypotheses", field="between", remedy="leave it or `about` out")
+        raise InputError("cannot be combined with `about`", field="between", remedy="leave one of them out")
     if isinstance(result, Discrepancy):
-        named, result = hypotheses_after(result.added, named.classes, asked=not about), result.identification
+        named = hypotheses_after(result.added, named.classes, equivalents=not about)
+        result = result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
@@ -247,7 +229,7 @@ def _taken(
 
 
 def _with_lacking(result: Identification) -> IdentifiedModel:
-    """The model with its model error from all draws of the posterior, not only the few that it keeps."""
+    """The identified model with its model error from all draws of the posterior, not only those that it stores."""
     posterior, base = result.posterior, base_coefficients(result.model)
     if posterior is None or posterior.log_gain is not None:
         return result.identified
@@ -264,7 +246,7 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
 def _complete_settings(
     settings: MotionSettings, posterior: GaussianPosterior, recorded: Motion | None
 ) -> tuple[MotionLimits, MotionSettings]:
-    """With limits and a start of one number for each joint."""
+    """Limits with one number per joint, and settings with these limits and the start pose."""
     robot = posterior.model.robot
     limits = check_limits(settings.limits, robot)
     if settings.limits is None and recorded is not None:
@@ -274,41 +256,39 @@ def _complete_settings(
     if settings.effort_limits is not None:
         efforts = np.asarray(settings.effort_limits, dtype=float)
         if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
-            said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:8])} for {robot.n_joints} joints"
-            remedy = "give a positive number for each joint, or one for all, N m"
-            raise InputError(said, field="MotionSettings.effort_limits", remedy=remedy)
+            problem = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:8])} for {robot.n_joints} joints"
+            remedy = "give a positive number per joint, or one for all, N m"
+            raise InputError(problem, field="MotionSettings.effort_limits", remedy=remedy)
         limits = check_limits(replace(limits, effort=settings.effort_limits), robot)
     start = 0.5 * np.add(limits.lower, limits.upper) if recorded is None else recorded.q[0]
     start = np.asarray(start if settings.start is None else settings.start, dtype=float)
     if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
-        said = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
-        raise InputError(said, field="start", remedy="give one position for each joint, in rad (m)")
+        problem = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
+        raise InputError(problem, field="start", remedy="give one position per joint, in rad (m)")
     return limits, replace(settings, limits=limits, start=tuple(start.tolist()))
 
 
 def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
-    """Raises InputError if the robot cannot even stand still where the motion starts."""
+    """Raises InputError if the start pose violates a limit."""
     pose, clearance = still.control[0], feasibility.clearance
     for j, (at, lower, upper) in enumerate(zip(pose, feasibility.lower, feasibility.upper, strict=True), start=1):
         if not lower <= at <= upper:
-            said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
-            raise InputError(said, field="start", remedy="give a pose within the limits, or `limits` that hold it")
+            problem = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
+            raise InputError(problem, field="start", remedy="give a pose within the limits, or wider `limits`")
     mean, sd = (values[0] for values in feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3))))
     for j in np.flatnonzero(np.abs(mean) + TUNING.effort_sds * sd > feasibility.effort)[:1].tolist():
         needed = f"{mean[j]:.3g} +- {TUNING.effort_sds * sd[j]:.3g} N m"
-        said = f"joint {j + 1} may need {needed} at the start, its limit is {feasibility.effort[j]:.3g} N m"
+        problem = f"joint {j + 1} may need {needed} at the start, its limit is {feasibility.effort[j]:.3g} N m"
         remedy = "give another `start`, or identify with parameters from CAD (`ParameterPrior.nominal`)"
-        raise InputError(said, field="limits", remedy=remedy)
+        raise InputError(problem, field="limits", remedy=remedy)
     if clearance is not None and not feasibility.keeps_distance(still, 0.0, still.duration):
         distance = float(clearance.distance(pose[None])[0])
-        said = (
-            f"the robot is {distance:.3f} m from itself or the floor at the start, the margin is {clearance.margin:g} m"
-        )
-        raise InputError(said, field="start", remedy="give another pose, or a smaller `margin`")
+        problem = f"the start pose is {distance:.3f} m from a collision, the margin is {clearance.margin:g} m"
+        raise InputError(problem, field="start", remedy="give another pose, or a smaller `margin`")
 
 
 def shapes_of(settings: MotionSettings) -> CollisionModel | None:
-    """The collision model; None where there is none."""
+    """The collision model; None if there is none."""
     return None if isinstance(settings.clearance, NoShapes) else settings.clearance
 
 
@@ -320,26 +300,26 @@ def _search_of(
     feasibility: Feasibility,
     still: SplineTrajectory,
 ) -> MotionSearch:
-    """Search for a goal, or for hypotheses: each pair of each class counts up to a decisive Bayes factor."""
-    to_keep = feasibility, still.basis, still.control[0], still.payload
+    """Search with the objective of a goal, or of hypotheses."""
+    fixed = feasibility, still.basis, still.control[0], still.payload
     if goal is not None:
 
-        def left_of(information: Array) -> float:
+        def of_goal(information: Array) -> float:
             return CRITERIA[criterion](goal, posterior.covariance(information))
 
-        return MotionSearch(posterior.columns, posterior.weights, left_of, posterior.memory, *to_keep)
-    ends = np.cumsum([0, *(len(one.recorded) for one in competing)]).tolist()
-    own = [slice(*pair) for pair in pairwise(ends)]
+        return MotionSearch(posterior.columns, posterior.weights, of_goal, posterior.memory, *fixed)
+    ends = np.cumsum([0, *(len(effects.recorded) for effects in competing)]).tolist()
+    blocks = [slice(*pair) for pair in pairwise(ends)]
+    memory = any(effects.memory for effects in competing)
 
     def columns(motion: Motion) -> Array:
-        return np.concatenate([one.columns(motion) for one in competing], axis=2)
+        return np.concatenate([effects.columns(motion) for effects in competing], axis=2)
 
-    def untold_of(information: Array) -> float:
-        return sum(one.objective(information[place, place]) for one, place in zip(competing, own, strict=True))
+    def of_hypotheses(information: Array) -> float:
+        parts = zip(competing, blocks, strict=True)
+        return sum(effects.objective(information[block, block]) for effects, block in parts)
 
-    return MotionSearch(
-        columns, competing[0].posterior.weights, untold_of, any(one.memory for one in competing), *to_keep
-    )
+    return MotionSearch(columns, competing[0].posterior.weights, of_hypotheses, memory, *fixed)
 
 
 def _prediction(
@@ -347,12 +327,11 @@ def _prediction(
 ) -> PredictedKnowledge:
     after = posterior.covariance(posterior.information(motion))
     factors: dict[tuple[str, str], float] = {}
-    for one in competing:
-        information = information_of(one.columns(motion), one.posterior.weights(motion))
-        factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
-    sd_now, sd, sd_lacking = (
-        np.sqrt(np.diag(one)) for one in (posterior.covariance_now, after, after + posterior.model_error_covariance)
-    )
+    for effects in competing:
+        information = information_of(effects.columns(motion), effects.posterior.weights(motion))
+        factors |= {pair: value / LN10 for pair, value in effects.expected(information).items()}
+    covariances = posterior.covariance_now, after, after + posterior.model_error_covariance
+    sd_now, sd, sd_lacking = (np.sqrt(np.diag(covariance)) for covariance in covariances)
     return PredictedKnowledge(
         names=posterior.names,
         units=posterior.units,
@@ -370,36 +349,36 @@ def _prediction(
 
 
 def _unchecked(settings: MotionSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
-    usual = "the robot's own joint limits: default limits, extended to the log's range, are used (--limits)"
-    said = [usual] if assumed else []
+    default = "the robot's joint limits: default limits, extended to the log's range, are used (--limits)"
+    sentences = [default] if assumed else []
     if limits.effort is None:
-        said.append("efforts: no limits are known (--limits with `effort`, or a URDF with them)")
+        sentences.append("efforts: no limits are known (--limits with `effort`, or a URDF with them)")
     elif not np.isfinite(limits.effort).all():
         joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(limits.effort)) + 1))
-        said.append(f"efforts of joints {joints}: no limits are known (--limits with `effort`)")
+        sentences.append(f"efforts of joints {joints}: no limits are known (--limits with `effort`)")
     if limits.jerk is None:
-        said.append("jerks: no limits are known (--limits with `jerk`)")
+        sentences.append("jerks: no limits are known (--limits with `jerk`)")
     clearance = shapes_of(settings)
     if clearance is None:
         reason = settings.clearance.reason if isinstance(settings.clearance, NoShapes) else "no shapes are known"
-        why = f"no collision model: {reason}"
-        said.append(f"collisions: {why} (--capsules R, or --robot with a URDF that has collision shapes)")
+        problem = f"no collision model: {reason}"
+        sentences.append(f"collisions: {problem} (--capsules R, or --robot with a URDF that has collision shapes)")
     else:
-        said += [f"distances of {sentence}" for sentence in clearance.not_watched]
+        sentences += [f"distances of {sentence}" for sentence in clearance.not_watched]
         if settings.payload:
-            said.append(f"distances of {settings.payload}: no shape of it is known (--tool may reach around it)")
-    return tuple(said)
+            sentences.append(f"distances of {settings.payload}: its shape is unknown (--tool may enclose it)")
+    return tuple(sentences)
 
 
 def _keeps_effort_limits_at(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
-    """Whether efforts keep their limits where the motion is played at a share of its speed."""
+    """Whether efforts are within their limits at a share of the speed."""
     motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
     largest = largest_efforts(*feasibility.effort_band(motion)) if feasibility.has_effort_limits else -np.inf
     return bool(np.all(largest <= feasibility.effort))
 
 
 def slowed(trajectory: SplineTrajectory, share: float, rate: float) -> Motion:
-    """The motion at a share of its speed, sampled at a rate, Hz."""
+    """The motion at a share of the speed, sampled at a rate, Hz."""
     duration = trajectory.duration / share
     t = np.linspace(0.0, duration, round(duration * rate) + 1)
     motion = trajectory.motion(share * t)

@@ -1,30 +1,30 @@
 """How well a motion determines signs and coefficients, for random plausible robots.
 
-For signs: how much worse a fit becomes when some of them are flipped. With the efforts of all joints in units of
-their noise, tau = Y beta, cut into segments of constant sign, the fit with the signs of a set F flipped leaves, with
+For signs: the increase of the squared error if some signs are flipped. With the efforts of all joints in units of their
+noise, tau = Y beta, cut into segments of constant sign, the best fit with the signs of a set F flipped leaves, with
 tau_F = tau on F and zero elsewhere and P = Y (Y'Y)^-1 Y',
 
     R_F = 4 |(1 - P) tau_F|^2                                                                                (1)
         = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                          (2)
 
-R_F is the *resolvability* of F (:eq:`resolvability`), and half of it the logarithm of the odds against the flipped
-signs. (2) needs moments alone, and those of joined segments add.
+R_F is the *resolvability* of F (:eq:`resolvability`), twice the logarithm of the odds against the flipped signs. (2)
+needs only the normal equations, and those of joined segments add.
 
 - Noise of unit variance gives the difference of the costs, to first order, the standard deviation 2 sqrt(R_F). So
-  flipped signs look better with a probability of about Phi(-sqrt(R_F) / 2).
-- The cone can only add: the true parameters lie inside it, so (1) is a lower bound of the cost of flipped signs.
-- R_F is that of the complement of F, and near zero if tau_F = Y beta' for some beta': a joint whose effort is its own
-  friction, rotor inertia and offset can be flipped as a whole; only the cone excludes it. Coefficients of rigid bodies
-  that act on several joints at once exclude it without the cone.
+  flipped signs fit better with a probability of about Phi(-sqrt(R_F) / 2).
+- The cone can only increase the cost: the true parameters lie inside it, so (1) is a lower bound.
+- The complement of F has the same R_F. R_F is near zero if tau_F = Y beta' for some beta': the effort of a joint that
+  consists of its own friction, rotor inertia and offset can be flipped as a whole; only the cone excludes it.
+  Coefficients of rigid bodies that act on several joints exclude it without the cone.
 
-The *noise tolerance* nu (:eq:`noise-tolerance`) is one number that needs no chosen noise: the noise,
-relative to each joint's RMS effort, at which a tenth of the energy (of the squared efforts) would be expected to have
-the wrong sign if only single segments and groups of joints could be flipped,
+The *noise tolerance* nu (:eq:`noise-tolerance`) is the noise, relative to each joint's RMS effort, at which a tenth of
+the energy (of the squared efforts) is expected to have the wrong sign, if only single segments and groups of joints can
+be flipped:
 
     sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
 
-w_F the share of the energy in F or in its complement, whichever is less. It ranks motions; it does not predict
-errors. At most `TUNING.independent_rate` samples a second count as independent, as residuals are coloured.
+w_F the share of the energy in F or in its complement, whichever is less. It ranks motions; it does not predict errors.
+At most `TUNING.independent_rate` samples per second count as independent, as residuals are correlated.
 """
 
 from __future__ import annotations
@@ -53,10 +53,10 @@ WRONG = 0.1
 
 @dataclass(frozen=True)
 class JointFlips:
-    """Groups of joints of which all signs can be flipped at once."""
+    """Resolvability of groups of joints whose signs are all flipped."""
 
-    groups: tuple[tuple[int, ...], ...]  # (G,) their 0-based actuators; single joints come first, in their order
-    share: Array  # (G,) of the energy in them or in their complement, whichever is less
+    groups: tuple[tuple[int, ...], ...]  # (G,) 0-based actuators; single joints come first, in their order
+    share: Array  # (G,) of the energy in the group or in its complement, whichever is less
     resolvability: Array  # (G,) R of equation (1)
 
     @property
@@ -67,7 +67,7 @@ class JointFlips:
 
 @dataclass(frozen=True)
 class SegmentFlips:
-    """S segments whose signs can be flipped one by one."""
+    """Resolvability of S segments that are flipped one by one."""
 
     joint: Integers  # (S,) 0-based actuator
     start: Integers  # (S,) first sample
@@ -77,25 +77,24 @@ class SegmentFlips:
 
     @property
     def doubtful(self) -> float:
-        """Expected share of the energy with the wrong sign, if each segment is flipped alone."""
+        """Expected share of the energy with the wrong sign."""
         return float(self.share @ wrong_sign_probability(self.resolvability))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
-    """Excitation of a motion, before anything is identified."""
+    """Excitation of a motion, assessed before an identification."""
 
-    noise: float  #: relative to each joint's RMS effort, for which all this holds
-    condition: float  #: condition number of the base regressor; inf if a coefficient is not shown
+    noise: float  #: assumed noise relative to each joint's RMS effort
+    condition: float  #: condition number of the base regressor; inf if a coefficient has no effect on the efforts
     uncertainty: Array  #: (r,) sd of each coefficient after a log of this motion, signs given, over its usual size
-    #: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all signs
-    #: are known
+    #: groups of unsigned joints, for the plausible robot with the lowest resolvability; None if all signs are known
     joints: JointFlips | None
-    segments: SegmentFlips  #: those of unknown sign
+    segments: SegmentFlips  #: segments of unknown sign
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients whose sd after the log is more than half of their usual size."""
+        """Indices of coefficients whose sd after the log is more than half of their usual size."""
         return tuple(np.flatnonzero(self.uncertainty > TUNING.determined_sd).tolist())
 
 
@@ -107,20 +106,20 @@ def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
 
 
 def wrong_sign_probability(resolvability: Array) -> Array:
-    """Probability that noise makes flipped signs look better than the true ones, Phi(-sqrt(R) / 2)."""
+    """Probability that flipped signs fit better than the true ones, Phi(-sqrt(R) / 2)."""
     probability: Array = ndtr(-0.5 * np.sqrt(resolvability))
     return probability
 
 
 def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) -> float:
-    """Noise tolerance, equation (3), relative to the RMS efforts, from R at some noise."""
+    """Noise tolerance, equation (3), from the resolvability at a relative noise."""
     share = np.concatenate([joints.share, segments.share])
     resolved = np.concatenate([joints.resolvability, segments.resolvability])
 
     def excess(log_noise: float) -> float:
         return float(share @ wrong_sign_probability(resolved * noise**2 * np.exp(-2.0 * log_noise))) - WRONG
 
-    least, most = 1e-6, 1e6  # no sensor is as good, nothing is shown beyond
+    least, most = 1e-6, 1e6  # far beyond any sensor
     if excess(np.log(least)) >= 0.0:
         return least
     if excess(np.log(most)) <= 0.0:
@@ -129,15 +128,15 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
 
 
 def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, ...], ...]:
-    """Groups of up to three of the joints whose signs are unknown; all at once only if there are others."""
+    """Groups of up to three unsigned joints; all joints together only if other joints are signed."""
     most = min(TUNING.largest_group, max(1, len(joints) - all_unsigned))
     return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
 
 
 def flip_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
-    """Cost of flipping groups of 0-based joints for a robot with coefficients beta (r,), other signs right.
+    """Resolvability of groups of 0-based joints for a robot with coefficients beta (r,).
 
-    The Gram matrices (n, r, r) of the joints' rows are in units of their noise.
+    Gram matrices (n, r, r) of the joints' rows are in units of the noise.
     """
     members = np.array([[j in group for j in range(len(grams))] for group in groups], dtype=float)
     gradient = grams @ beta
@@ -152,14 +151,14 @@ def expected_segments(
 ) -> tuple[Integers, Integers, Integers, Array, Array]:
     """(S,) joint, first sample and sample after the last of each segment of known efforts, g (S, r) and c (S,) of (2).
 
-    They end where the effort changes its sign and where the speed does: dry friction may hide a sign change there, so
-    an identification has to cut there as well (`bayesid.log.segments`).
+    Segments end at sign changes of the effort and of the speed, as those of an identification (`bayesid.log.segments`):
+    with dry friction, effort may change its sign where the speed does.
 
     Args:
-        columns: (N, n, r).
+        columns: (N, n, r) regressor.
         effort: (N, n) noise-free efforts, N m.
         speed: (N, n) of the actuators, rad/s.
-        weights: (N, n) what each sample counts for, 1/(N m)^2; segments end where it becomes zero, or no longer is.
+        weights: (N, n) of the samples, 1/(N m)^2; segments also end where they become zero or nonzero.
     """
     n_samples, n = effort.shape
     state = 4 * (weights > 0.0) + 2 * (effort > 0.0) + (speed > 0.0)
@@ -172,9 +171,9 @@ def expected_segments(
 
 
 def flip_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
-    """Cost of flipping each segment of a motion with known efforts (N, n), N m.
+    """Resolvability of each segment of a motion with known efforts.
 
-    Arguments as for `expected_segments`; each sample stands for so many independent ones, with noise sigma (n,), N m.
+    Arguments as for `expected_segments`; `sigma` is the noise (n,), N m, `weight` the independent samples per sample.
     """
     weights = np.broadcast_to(weight / sigma**2, effort.shape)
     joint, start, end, gradient, energy = expected_segments(columns, effort, speed, weights)
@@ -185,10 +184,10 @@ def flip_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
 def flip_measured_segments(
     normal_equations: NormalEquations, start: Integers, end: Integers, weight: float
 ) -> SegmentFlips:
-    """Cost of flipping each segment of a log, from its own |effort|; segments of known sign are left out.
+    """Resolvability of each segment of unknown sign of a log, from its |effort|.
 
-    The moments of the log's S segments are in units of the noise; they begin and end at samples (S,), each of which
-    stands for so many independent ones.
+    The normal equations of the S segments are in units of the noise; `start` and `end` are their samples (S,), `weight`
+    the independent samples per sample.
     """
     cost = weight * resolvability(
         _pseudo_inverse(normal_equations.hessian.total()), normal_equations.gradient, normal_equations.energy
@@ -201,7 +200,7 @@ def flip_measured_segments(
 
 
 def _pseudo_inverse(gram: Array) -> Array:
-    """Nothing along what a Gram matrix does not show; exact, for a resolvability is a small difference of energies."""
+    """Pseudo-inverse of a scaled Gram matrix; exact, as a resolvability is a small difference of energies."""
     lengths = np.sqrt(np.diag(gram))
     scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
     scaled = scale[:, None] * gram * scale
@@ -211,16 +210,16 @@ def _pseudo_inverse(gram: Array) -> Array:
 # ---- Plausible robots ----
 @dataclass(frozen=True)
 class PlausibleRobots:
-    """K plausible robots with the same kinematics."""
+    """K random plausible robots with the same kinematics."""
 
     model: Model  # robot and terms
     coefficients: BaseCoefficients  # its r base coefficients
-    thetas: Array  # (K, P) their parameters
-    size: Array  # (r,) RMS of each coefficient over many such robots: how uncertain it is beforehand
+    thetas: Array  # (K, P) parameters
+    size: Array  # (r,) usual size of each coefficient: RMS over many such robots
 
     @property
     def betas(self) -> Array:
-        """(K, r) their base coefficients."""
+        """(K, r) base coefficients."""
         return self.coefficients.project(self.thetas)
 
     def columns(self, motion: Motion) -> Array:
@@ -228,11 +227,11 @@ class PlausibleRobots:
         return self.model.columns(motion)[:, :, self.coefficients.selected]
 
     def sigma(self, grams: Array, samples: int | Integers, noise: float) -> Array:
-        """(K, n) noise of each robot's joints, N m: a share of the RMS effort; 1 where there is no effort.
+        """(K, n) noise of each robot's joints, N m: a share of the RMS effort; 1 if there is no effort.
 
         Args:
             grams: (n, r, r) Gram matrices of the joints' rows.
-            samples: that each of them holds.
+            samples: number of samples of each.
             noise: relative to each joint's RMS effort.
         """
         square = np.einsum("kr,jrs,ks->kj", self.betas, grams, self.betas) / samples
@@ -241,18 +240,18 @@ class PlausibleRobots:
     def joint_flips(
         self, grams: Array, sigma: Array, weight: float, groups: tuple[tuple[int, ...], ...]
     ) -> list[JointFlips]:
-        """(K) cost of flipping groups of 0-based joints, for each of the robots.
+        """(K,) resolvability of groups of 0-based joints, for each robot.
 
-        By Gram matrices (n, r, r), the robots' noise (K, n), and how many independent samples each sample stands for.
+        From Gram matrices (n, r, r), the robots' noise (K, n) and the independent samples per sample.
         """
         scaled = weight * grams / sigma[:, :, None, None] ** 2
-        return [flip_joints(own, beta, groups) for own, beta in zip(scaled, self.betas, strict=True)]
+        return [flip_joints(of_robot, beta, groups) for of_robot, beta in zip(scaled, self.betas, strict=True)]
 
     def uncertainty(self, grams: Array, sigma: Array, weight: float) -> Array:
-        """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.
+        """(r,) posterior sd of each coefficient after a log with known signs, over its usual size.
 
-        It is that of the posterior (H + S^-2)^-1, S = diag(size), which is never singular. 1 means no information
-        in the log. The noise is the mean over the robots. Arguments as for `joint_flips`.
+        The covariance is (H + S^-2)^-1, S = diag(size), which is never singular. 1 means no information in the log. The
+        noise is the mean over the robots. Arguments as for `joint_flips`.
         """
         hessian = np.einsum("j,jrs->rs", weight / np.mean(sigma**2, axis=0), grams)
         precision = self.size[:, None] * hessian * self.size + np.eye(len(self.size))
@@ -260,10 +259,10 @@ class PlausibleRobots:
 
 
 def plausible_robots(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()) -> PlausibleRobots:
-    """Draws random plausible robots; stated prior means replace drawn parameters.
+    """Draws random plausible robots; prior means replace drawn parameters.
 
     Raises:
-        InputError: the prior names a parameter that the model lacks, or a value cannot be used.
+        InputError: the prior names an unknown parameter, or a value cannot be used.
     """
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
     drawn = np.array([random_parameters(model, rng=rng) for _ in range(TUNING.size_draws)])
@@ -273,7 +272,7 @@ def plausible_robots(model: Model, seed: int = 0, prior: ParameterPrior = Parame
 
 
 def information_of(columns: Array, weights: Array) -> Array:
-    """(R, R) of rows (N, n, R) that count for (N, n)."""
+    """(R, R) sum of outer products of rows (N, n, R) with weights (N, n)."""
     rows = (columns * np.sqrt(weights)[:, :, None]).reshape(-1, columns.shape[2])
     return rows.T @ rows
 
@@ -286,13 +285,13 @@ def joint_grams(columns: Array) -> Array:
 
 
 def condition_of(grams: Array) -> float:
-    """Condition number of all joints' rows together, from their Gram matrices; inf where it is numerically singular."""
+    """Condition number of all joints' rows together, from their Gram matrices; inf if numerically singular."""
     log_condition = log_condition_of(grams.sum(axis=0))
     return float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf
 
 
 def check_noise(noise: float) -> None:
-    """Raises InputError about a noise, relative to the RMS efforts, that cannot be used."""
-    if not 0.0 < noise <= 10.0:  # beyond, nothing is shown at all
-        remedy = "give a share of the RMS effort, as 0.05"
+    """Raises InputError if a noise relative to the RMS efforts is out of range."""
+    if not 0.0 < noise <= 10.0:
+        remedy = "give a share of the RMS effort, above 0 and at most 10, as 0.05"
         raise InputError(f"a noise of {noise:g} cannot be used", field="noise", remedy=remedy)

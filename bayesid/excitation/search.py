@@ -1,11 +1,12 @@
-"""The search for a motion that tells most: changes of a spline that are kept if they are possible and tell more.
+"""Random search for a motion that minimises an objective under constraints.
 
-Information adds up over instants, and a change of some control points moves a short window of the motion: only there
-columns are made anew. What samples count for is looked at all over, as the top speed says which of them stand still.
-What is tried is a bump of some width, a stretch of constant speed (down to creeping), or the same stretch again at
-another time, in one joint or several, at once as long as it may be (`Feasibility.shortened`). A change that tells less,
-or that a robot cannot run, is dropped, and its opposite is tried; so every motion on the way is possible. The first one
-is the best of some random Fourier series within the limits.
+It starts from the best of some random Fourier series within the limits. Each step changes some control points of one
+joint or several: a bump, a stretch of constant speed, or a repetition of another stretch. The change is shortened to
+the limits (`Feasibility.feasible_share`). It is accepted if the objective falls and the motion is feasible; otherwise
+its opposite is tried. So every accepted motion is feasible.
+
+Information is a sum over samples. A change of control points moves a short window, and only there columns are computed
+again. Weights are computed everywhere, as standstill depends on the joint's highest speed.
 """
 
 from __future__ import annotations
@@ -28,37 +29,37 @@ from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A motion, and what is known of it."""
+    """A motion with its columns, information and cost."""
 
     trajectory: SplineTrajectory
-    columns: Array  # (N, n, R) at the instants of the search
+    columns: Array  # (N, n, R) at the samples of the search
     weights: Array  # (N, n)
     information: Array  # (R, R)
-    cost: float  # its worth
+    cost: float  # value of the objective
 
 
 @dataclass(frozen=True)
 class MotionSearch:
-    """A search: what to look for, what to keep, and where."""
+    """Objective, constraints and spline basis of a search."""
 
-    columns: Callable[[Motion], Array]  # of a motion (N, n) those of all that is to be told, (N, n, R)
-    weights: Callable[[Motion], Array]  # what each of its samples counts for, (N, n)
-    objective: Callable[[Array], float]  # of information (R, R); the less, the better
+    columns: Callable[[Motion], Array]  # (N, n, R) of a motion of N samples
+    weights: Callable[[Motion], Array]  # (N, n) of its samples
+    objective: Callable[[Array], float]  # of information (R, R); minimised
     whole_motion: bool  # whether columns depend on the whole motion
-    feasibility: Feasibility  # what to keep
-    basis: SplineBasis  # of the motion
+    feasibility: Feasibility  # constraints
+    basis: SplineBasis
     pose: Array  # (n,) at both ends, rad
-    payload: str = ""  # label of what the flange carries
+    payload: str = ""  # label of the payload
 
     @cached_property
     def instants(self) -> Array:
-        """(N,) s, at which information is summed."""
+        """(N,) sample times, s, at which information is summed."""
         rate = min(TUNING.search_rate, TUNING.per_knot / self.basis.spacing)
         return np.linspace(0.0, self.basis.duration, round(self.basis.duration * rate) + 1)
 
     @cached_property
     def _values(self) -> tuple[Array, ...]:
-        """(N, K) what takes control points to positions, velocities and accelerations at the instants."""
+        """(N, K) matrices from control points to positions, velocities and accelerations."""
         return tuple(self.basis.values(self.instants, order) for order in range(3))
 
     def _motion(self, trajectory: SplineTrajectory) -> Motion:
@@ -66,7 +67,7 @@ class MotionSearch:
         return Motion(self.instants, q, dq, ddq, 0.0, np.array(trajectory.payload))
 
     def run(self, changes: int, seed: int) -> tuple[SplineTrajectory, SplineTrajectory]:
-        """The best of some random motions, and what so many changes that are tried make of it."""
+        """The best of some random motions, and the motion after a number of changes."""
         rng = np.random.default_rng(seed)
         starts = [self._evaluated(self._start(rng)) for _ in range(TUNING.starts)]
         first = best = min(starts, key=lambda tried: tried.cost)
@@ -79,11 +80,11 @@ class MotionSearch:
         return first.trajectory, best.trajectory
 
     def cost(self, trajectory: SplineTrajectory) -> float:
-        """The worth of a motion; the less, the better."""
+        """Objective of a motion."""
         return self._evaluated(trajectory).cost
 
     def _start(self, rng: np.random.Generator) -> SplineTrajectory:
-        """A random motion that uses the limits, smaller and smaller until a robot can run it; at last none."""
+        """A random motion within the limits, halved until it is feasible; the robot stands still if it never is."""
         still = at_rest(self.basis, self.pose, self.payload)
         step = self._random(rng) - self.pose
         step[:ENDS] = step[-ENDS:] = 0.0
@@ -98,7 +99,7 @@ class MotionSearch:
         return still
 
     def _random(self, rng: np.random.Generator) -> Array:
-        """(K, n) control points of a random motion that begins and ends in the pose, by its values at their places."""
+        """(K, n) control points of a random motion that begins and ends in the pose."""
         can, places, n = self.feasibility, self.basis.places, len(self.pose)
         limits = MotionLimits(*(tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])))
         wave = random_trajectory(n, self.basis.duration, rng=int(rng.integers(2**31)), limits=limits)
@@ -109,7 +110,7 @@ class MotionSearch:
     def _evaluated(
         self, trajectory: SplineTrajectory, other: _Candidate | None = None, start: float = 0.0, end: float = 0.0
     ) -> _Candidate:
-        """A motion; one that differs from another between two instants (s) alone is looked at where it does."""
+        """Evaluates a motion; if another motion is given, only where they differ, from `start` to `end`, s."""
         motion = self._motion(trajectory)
         weights = self.weights(motion)
         if other is None or self.whole_motion:
@@ -124,7 +125,7 @@ class MotionSearch:
         return _Candidate(trajectory, columns, weights, information, self.objective(information))
 
     def _better_of(self, best: _Candidate, step: Array) -> _Candidate:
-        """The motion with a change (K, n) of its control points, if that is better and possible."""
+        """The motion with a change (K, n) of its control points, if that is better and feasible."""
         share, rows = self.feasibility.feasible_share(best.trajectory, step), np.flatnonzero(step.any(axis=1))
         if not share > 0.0:
             return best
@@ -136,7 +137,7 @@ class MotionSearch:
 
     # ---- Changes ----
     def _step(self, trajectory: SplineTrajectory, rng: np.random.Generator) -> Array:
-        """(K, n) a change of the control points."""
+        """(K, n) random change of the control points."""
         n = len(self.pose)
         kinds = (self._bump, self._constant_speed, self._repetition)
         count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < TUNING.several_joints else 1
@@ -148,27 +149,27 @@ class MotionSearch:
         return step
 
     def _span(self, rng: np.random.Generator) -> slice:
-        """Control points of a change: none of the ends."""
+        """Control points of a change, without those of the ends."""
         free = len(self.basis) - 2 * ENDS
         width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(TUNING.widest_change * free, 2.0)))), 1, free))
         first = ENDS + int(rng.integers(0, free - width + 1))
         return slice(first, first + width)
 
     def _bump(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
-        """A smooth bump, either way."""
+        """A smooth bump of either sign."""
         full, width = self.feasibility.upper[joint] - self.feasibility.lower[joint], span.stop - span.start
         size = full * np.exp(rng.uniform(np.log(TUNING.smallest_bump), 0.0))
         phase = (np.arange(width) + 1.0) / (width + 1.0)
         return np.asarray(rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2)
 
     def _constant_speed(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
-        """A stretch of constant speed from where the joint is."""
+        """A stretch of constant speed from the joint's position."""
         speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest_speed), 0.0))
         steps = np.arange(span.stop - span.start) * self.basis.duration / (len(self.basis) - DEGREE)
         return np.asarray(control[span.start - 1] + rng.choice([-1.0, 1.0]) * speed * steps - control[span])
 
     def _repetition(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
-        """What the joint does at another time."""
+        """A repetition of the joint's motion at another time."""
         width = span.stop - span.start
         other = int(rng.integers(0, len(self.basis) - width + 1))
         return np.asarray(control[other : other + width] - control[span])
@@ -177,8 +178,8 @@ class MotionSearch:
 def best_motion(
     search: MotionSearch, changes: int, progress: Progress, seed: int = 0
 ) -> tuple[SplineTrajectory, SplineTrajectory]:
-    """The better motion of some searches from different starts, and the start that it comes from, which is first."""
+    """Start and result of the best of some searches with different random starts."""
     seeds = range(TUNING.searches * seed, TUNING.searches * (seed + 1))
     with progress.stage("design") as steps:
-        found = in_parallel([partial(search.run, changes, one) for one in seeds], steps)
+        found = in_parallel([partial(search.run, changes, seed) for seed in seeds], steps)
     return min(found, key=lambda pair: search.cost(pair[1]))

@@ -1,4 +1,4 @@
-"""What is chosen of a motion to be designed."""
+"""Settings of a motion to be designed."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ from bayesid.simulation.trajectories import HARMONICS, MotionLimits
 
 @dataclass(frozen=True, kw_only=True)
 class MotionSettings:
-    """Length, limits and effort of the design of a motion.
+    """Duration, limits and search time of a designed motion.
 
     Attributes:
         duration: of the whole motion, s.
-        rate: of its samples, Hz; before a result also of the controller's file.
+        rate: of its samples, Hz.
         limits: of the joints: a mapping or a TOML file with lower, upper, velocity, acceleration, jerk and effort, one
-            number or one a joint, rad (m), or a URDF file. By default those that suit most small arms, after a result
-            widened to where the robot has been.
-        changes: changes of the motion that are tried; by default 6000 in each of two searches, which takes about
-            ten seconds for six joints, and after a result as many as take some half a minute.
-        harmonics: how many times a joint may swing to and fro in a period, about, 2 to 20. For a robot alone.
-        periods: how many times the motion is played in the duration. For a robot alone.
-        noise: of the efforts, relative to each joint's RMS effort, at which the design is judged. For a robot alone.
-        start: (n,) pose at both ends, rad (m): where the robot is; by default where the log began. After a result.
-        effort_limits: (n,) largest |effort| of the actuators, N m, in place of those of `limits`. After a result.
-        clearance: what tells collisions (`Robot.collision_model`), with the distance to be kept; None where nothing
-            does, which the design says. After a result.
-        payload: label of what the flange carries, one that the result knows; empty where it carries nothing.
+            number or one per joint, rad (m), or a URDF file. The defaults suit most small arms. After a result, they
+            include the positions of its log.
+        changes: of the motion that are tried. Default: 6000 in each of two searches, about 10 s for six joints; after
+            a result, about 30 s.
+        harmonics: highest harmonic of a joint's motion, 2 to 20. Robot without a result only.
+        periods: number of periods in the duration. Robot without a result only.
+        noise: of the efforts, relative to each joint's RMS effort, for which the design is assessed. Robot without a
+            result only.
+        start: (n,) pose at both ends, rad (m); by default the log's first. After a result only.
+        effort_limits: (n,) largest |effort| of the actuators, N m, in place of those of `limits`. After a result only.
+        clearance: collision model (`Robot.collision_model`) with its least distance. With None, collisions are not
+            checked, and the design states it. After a result only.
+        payload: label of the payload on the flange, one of the result's; empty for none.
 
     Raises:
         InputError: a number cannot be used.
@@ -60,20 +61,19 @@ class MotionSettings:
     payload: str = ""
 
     def __post_init__(self) -> None:
-        fewest = 4.0 * self.harmonics * self.periods  # twice as many as Nyquist asks for
+        fewest = 4.0 * self.harmonics * self.periods  # twice the Nyquist rate
         check_between(self.duration, 0.5, 3600.0, "MotionSettings.duration", "s")
         check_between(self.harmonics, 2, 20, "MotionSettings.harmonics", "harmonics")
         check_between(self.periods, 1, 1000, "MotionSettings.periods", "periods")
         check_between(self.rate * self.duration, fewest, 1e6, "MotionSettings.rate", "samples")
         check_noise(self.noise)
         if self.changes is not None and self.changes < 1:
-            said, remedy = f"{self.changes} changes cannot be tried", "give 1 or more, as 1000"
-            raise InputError(said, field="MotionSettings.changes", remedy=remedy)
+            raise InputError(f"is {self.changes}", field="MotionSettings.changes", remedy="give 1 or more, as 1000")
         if isinstance(self.clearance, CollisionModel) and not self.clearance.margin >= 0.0:
-            said = f"{self.clearance.margin:g} m would let the robot touch itself"
-            raise InputError(said, field="margin", remedy="give a distance of 0 m or more")
+            problem = f"{self.clearance.margin:g} m would let the robot touch itself"
+            raise InputError(problem, field="margin", remedy="give a distance of 0 m or more")
 
 
 def instants_of(settings: MotionSettings) -> Array:
-    """(N,) of the samples, s."""
+    """(N,) sample times, s."""
     return np.linspace(0.0, settings.duration, round(settings.duration * settings.rate) + 1)

@@ -10,8 +10,8 @@ class Tuning:
     """Constants of this package; `TUNING` holds those in use.
 
     `python -m bayesid.studies.ablation excitation` halves and doubles them. Changing `robots`, `starts`, `ramp` or
-    `reference_motion` changes the segments of a motion designed for a UR10e. Other effects are stated with the constant.
-    A constant without a measurement is a choice.
+    `reference_motion` changes the segments of a motion designed for a UR10e. Other effects are stated with the
+    constant. A constant without a measurement is a choice.
     """
 
     # assessment of a motion
@@ -50,8 +50,8 @@ class Tuning:
     fewest_knots: int = 4
     """Least number of knots."""
     pieces_per_interval: int = 2
-    """Pieces of a knot interval with Bernstein coefficients of their own; more give tighter bounds and take longer. With
-    two, bounds exceed positions, velocities, accelerations and jerks by at most 4, 9, 15 and 14 % of the range
+    """Pieces of a knot interval with Bernstein coefficients of their own; more give tighter bounds and take longer.
+    With two, bounds exceed positions, velocities, accelerations and jerks by at most 4, 9, 15 and 14 % of the range
     (`tests/excitation/test_splines.py`)."""
     per_swing: int = 4
     """Knots per period of the highest harmonic of a designed motion; 2 gave higher condition numbers."""

@@ -53,7 +53,7 @@ def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
         ("payload", ()),
     ]
     place = found.identification.model.places[-1]
-    np.testing.assert_array_equal(competing.competing[0].amplitudes_found, found.identification.theta[place])
+    np.testing.assert_array_equal(competing.competing[0].amplitudes, found.identification.theta[place])
     assert design.goal is None
     assert len(design.predicted.log10_bayes_factors) == 6
     assert "stribeck_friction" not in {term.name for term in competing.posterior.model.terms}

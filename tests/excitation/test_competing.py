@@ -148,8 +148,8 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
     known = quiet(gaussian_posterior(result, 100.0), 0.5)
     competing = make_competing(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
     stribeck, drift = competing.competing
-    assert drift.amplitudes_found is None
-    np.testing.assert_array_equal(stribeck.amplitudes_found, result.theta[result.model.places[-1]])
+    assert drift.amplitudes is None
+    np.testing.assert_array_equal(stribeck.amplitudes, result.theta[result.model.places[-1]])
     assert [term.name for term in competing.posterior.model.terms] == list(TERMS)
     assert len(stribeck.forms) > 1
     assert len(drift.forms) > 1
@@ -159,7 +159,7 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
     )  # the earlier log has told something of each
     assert np.median(before / np.diag(competing.posterior.covariance_now)) > 2.0
     first = stribeck.forms[0]
-    truth = first, np.concatenate([competing.posterior.mean, stribeck.amplitudes_found])
+    truth = first, np.concatenate([competing.posterior.mean, stribeck.amplitudes])
     expected = competing.expected(information(competing, motion))
     own = truth[1], after(competing, earlier, first, truth)[1]  # about its amplitudes, not drawn to zero by their prior
     others = [(form, *after(competing, earlier, form, truth)[:2]) for form in drift.forms]
@@ -183,11 +183,11 @@ def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, m
     competing = make_competing(distorted, keys(key, "torque_offset:2"), None, reference)
     whole = competing.competing[0]
     assert whole.name == key
-    assert whole.amplitudes_found is not None
+    assert whole.amplitudes is not None
     fine = smooth_motion(3, 1.2, 200.0, seed=21)
     columns = competing.columns(fine)
     plain = columns[:, :, : len(competing.posterior)] @ competing.posterior.mean
-    change = columns[:, :, whole.forms[0].columns] @ whole.amplitudes_found
+    change = columns[:, :, whole.forms[0].columns] @ whole.amplitudes
     want = replace(competing.posterior.model, distortions=(distortion,)).effort(fine, competing.posterior.theta) - plain
     scale = np.abs(want).max()
     assert scale > 0.05
@@ -226,7 +226,7 @@ def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_ma
     plain, changed = (
         make_competing(known, (key, other), earlier, earlier, {key: step}) for step in ({}, {"Fc3": 0.25})
     )
-    assert (plain.competing[0].amplitudes_found, changed.competing[0].amplitudes_found) == (None, [0.25])
+    assert (plain.competing[0].amplitudes, changed.competing[0].amplitudes) == (None, [0.25])
     moved = np.zeros(len(known))
     moved[place] = 0.25
     np.testing.assert_allclose(plain.posterior.mean - changed.posterior.mean, moved, atol=1e-12)

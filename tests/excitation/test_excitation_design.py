@@ -16,14 +16,14 @@ from bayesid.excitation.design import design_for_robot
 from bayesid.excitation.resolvability import (
     JointFlips,
     SegmentFlips,
-    plausible_robots,
     flip_joints,
-    groups_of,
-    joint_grams,
-    wrong_sign_probability,
-    noise_tolerance,
     flip_measured_segments,
     flip_segments,
+    groups_of,
+    joint_grams,
+    noise_tolerance,
+    plausible_robots,
+    wrong_sign_probability,
 )
 from bayesid.excitation.settings import MotionSettings
 from bayesid.log.segments import Segments
@@ -217,7 +217,7 @@ def test_a_folder_holds_the_motion_and_the_spline_that_makes_it(design, tmp_path
 def test_a_joint_that_slides_needs_limits():
     rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
     robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
-    with pytest.raises(InputError, match="joint 2 slides"):
+    with pytest.raises(InputError, match="prismatic joint 2"):
         design_for_robot(robot, settings=MotionSettings(duration=5.0))
 
 

@@ -96,7 +96,7 @@ def test_limits_of_a_urdf_are_read_through_fixed_joints_and_refused_where_it_bra
     assert read_limits(urdf(tmp_path, *pair)).effort == (np.inf, np.inf, 12.5)
     assert read_limits(urdf(tmp_path, pair[0])).effort is None
     for bad, says in (
-        (joint("a", "prismatic", "base", "l1"), "slides, and has no limits"),
+        (joint("a", "prismatic", "base", "l1"), "prismatic without limits"),
         ("<joint", "is not valid XML"),
     ):
         with pytest.raises(InputError, match=rf"arm\.urdf.*{says}"):

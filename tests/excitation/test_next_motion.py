@@ -153,7 +153,7 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
     assert telling.goal is None
     assert telling.predicted.gain == 0.0
-    assert all(f"{true} from {other}" in repr(telling) for true, other in (pair, pair[::-1]))
+    assert all(f"{true} against {other}" in repr(telling) for true, other in (pair, pair[::-1]))
     told, by_random = (
         sum(
             min(value, 2.0 * TUNING.decisive) for value in one.log10_bayes_factors.values()
