@@ -38,7 +38,7 @@ from bayesid.excitation.resolvability import (
     wrong_sign_probability,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
-from bayesid.excitation.settings import MotionSettings, instants_of
+from bayesid.excitation.settings import MotionSettings, sample_times
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
@@ -164,13 +164,13 @@ def _search(robots: PlausibleRobots, settings: MotionSettings, limits: MotionLim
 
 
 def _all_periods(trajectory: SplineTrajectory, settings: MotionSettings) -> Motion:
-    t = instants_of(settings)
+    t = sample_times(settings)
     return replace(trajectory.motion(t % trajectory.duration), t=t)
 
 
 def quality(robots: PlausibleRobots, motion: Motion, noise: float) -> Quality:
     """Excitation of a motion for plausible robots."""
-    step = -(-len(motion) // TUNING.assessed_instants)
+    step = -(-len(motion) // TUNING.assessed_samples)
     thinned = motion[::step]
     columns, speed = robots.columns(thinned), robots.model.robot.actuators(thinned).dq
     grams, samples = joint_grams(columns), len(thinned)

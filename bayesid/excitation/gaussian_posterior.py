@@ -60,7 +60,7 @@ class GaussianPosterior:
 
     @property
     def memory(self) -> bool:
-        """Whether a row of the model depends on other instants too."""
+        """Whether a row of the model depends on other samples too."""
         return any(effect.memory for effect in self.model.effects)
 
     @property
@@ -116,10 +116,10 @@ def gaussian_posterior(identified: IdentifiedModel, rate: float) -> GaussianPost
     """Posterior of an identified model; the new recording has the noise of the result's log, at a rate in Hz."""
     model, noise, draws = identified.model.before_sensors, identified.noise.with_time_of_model(rate), identified.draws
     base, density = base_coefficients(model), rate / (noise.sigma**2 * noise.autocorrelation)
-    beta, precision, none = base.project(identified.theta), identified.precision, np.empty(0, dtype=np.int64)
-    nothing = np.zeros_like(precision)
+    beta, precision, no_gains = base.project(identified.theta), identified.precision, np.empty(0, dtype=np.int64)
+    no_model_error = np.zeros_like(precision)
     posterior = GaussianPosterior(
-        model, base, identified.theta, base.names, base.units, beta, precision, nothing, none, density
+        model, base, identified.theta, base.names, base.units, beta, precision, no_model_error, no_gains, density
     )
     if draws is None:
         posterior = replace(posterior, model_error_covariance=identified.beyond_precision)

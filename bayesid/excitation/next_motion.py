@@ -26,7 +26,7 @@ from bayesid.excitation.hypotheses import Hypotheses, hypotheses_after, hypothes
 from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.search import MotionSearch, best_motion
-from bayesid.excitation.settings import MotionSettings, instants_of
+from bayesid.excitation.settings import MotionSettings, sample_times
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import Identification, identified_of
@@ -102,7 +102,7 @@ class NextExperiment:
     @property
     def motion(self) -> Motion:
         """The motion at the controller's rate."""
-        return self.trajectory.motion(instants_of(self.settings))
+        return self.trajectory.motion(sample_times(self.settings))
 
     @property
     def effort_band(self) -> tuple[Array, Array]:
@@ -154,7 +154,7 @@ def design_next(
     """`bayesid.design_excitation` after a result; its arguments are explained there."""
     progress = Progress.of(progress)
     began = time.perf_counter()
-    identified, recorded, hypotheses = _taken(result, recorded, between, about)
+    identified, recorded, hypotheses = _inputs_of(result, recorded, between, about)
     delayed = gaussian_posterior(identified, settings.rate)  # a delay may be among the hypotheses
     posterior = delayed.undelayed
     _check(posterior, settings, criterion)
@@ -181,7 +181,7 @@ def design_next(
         settings=settings,
         goal=goal,
         competing=competing,
-        predicted=_prediction(posterior, goal, competing, trajectory.motion(instants_of(settings))),
+        predicted=_prediction(posterior, goal, competing, trajectory.motion(sample_times(settings))),
         of_random=_prediction(posterior, goal, competing, random),
         feasibility=feasibility,
         remarks=(
@@ -207,7 +207,7 @@ def _check(posterior: GaussianPosterior, settings: MotionSettings, criterion: st
         raise InputError(f"the result has no payload {payload!r:.60}", field="payload", remedy=remedy)
 
 
-def _taken(
+def _inputs_of(
     result: Identification | IdentifiedModel | Discrepancy,
     recorded: Motion | None,
     between: Sequence[str] | Hypotheses,

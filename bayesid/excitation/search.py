@@ -52,7 +52,7 @@ class MotionSearch:
     payload: str = ""  # label of the payload
 
     @cached_property
-    def instants(self) -> Array:
+    def times(self) -> Array:
         """(N,) sample times, s, at which information is summed."""
         rate = min(TUNING.search_rate, TUNING.per_knot / self.basis.spacing)
         return np.linspace(0.0, self.basis.duration, round(self.basis.duration * rate) + 1)
@@ -60,11 +60,11 @@ class MotionSearch:
     @cached_property
     def _values(self) -> tuple[Array, ...]:
         """(N, K) matrices from control points to positions, velocities and accelerations."""
-        return tuple(self.basis.values(self.instants, order) for order in range(3))
+        return tuple(self.basis.values(self.times, order) for order in range(3))
 
     def _motion(self, trajectory: SplineTrajectory) -> Motion:
         q, dq, ddq = (values @ trajectory.control for values in self._values)
-        return Motion(self.instants, q, dq, ddq, 0.0, np.array(trajectory.payload))
+        return Motion(self.times, q, dq, ddq, 0.0, np.array(trajectory.payload))
 
     def run(self, changes: int, seed: int) -> tuple[SplineTrajectory, SplineTrajectory]:
         """The best of some random motions, and the motion after a number of changes."""
@@ -117,7 +117,7 @@ class MotionSearch:
             columns = self.columns(motion)
             information = information_of(columns, weights)
         else:
-            window = slice(*np.searchsorted(self.instants, [start - 1e-9, end + 1e-9]).tolist())
+            window = slice(*np.searchsorted(self.times, [start - 1e-9, end + 1e-9]).tolist())
             changed, columns = (weights != other.weights).any(axis=1), other.columns.copy()
             changed[window], columns[window] = True, self.columns(motion[window])
             before = information_of(other.columns[changed], other.weights[changed])

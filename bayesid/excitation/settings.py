@@ -74,6 +74,6 @@ class MotionSettings:
             raise InputError(problem, field="margin", remedy="give a distance of 0 m or more")
 
 
-def instants_of(settings: MotionSettings) -> Array:
+def sample_times(settings: MotionSettings) -> Array:
     """(N,) sample times, s."""
     return np.linspace(0.0, settings.duration, round(settings.duration * settings.rate) + 1)

@@ -26,7 +26,7 @@ class Tuning:
     """Random robots that give the usual size of a coefficient, with a relative error of 1 / sqrt(48), 15 %."""
     determined_sd: float = 0.5
     """Largest standard deviation of a determined coefficient over its usual size: zero is two deviations away."""
-    assessed_instants: int = 2000
+    assessed_samples: int = 2000
     """Most samples at which a finished motion is assessed; it limits time and memory."""
 
     # thresholds of the remarks on a log

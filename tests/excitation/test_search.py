@@ -99,7 +99,7 @@ def off(known, whole, **options):
     """By how much the information that windows add up to is off that of the whole motion, of its largest entries."""
     search, asked = search_of(known, whole=whole, **options)
     _, trajectory = search.run(120, 4)
-    true = known.information(trajectory.motion(search.instants))
+    true = known.information(trajectory.motion(search.times))
     scale = np.sqrt(np.outer(np.diag(true), np.diag(true))) + 1e-9 * true.max()
     return min(np.abs((one - true) / scale).max() for one in asked)
 
