@@ -121,8 +121,8 @@ class CompetingEffects:
 
         If the result has one of the effects, the others are fitted to the efforts that it predicts.
         """
-        in_result = (model for model in self.competing if model.amplitudes is not None)
-        found = next(((model.forms[0], model.amplitudes) for model in in_result), None)
+        pairs = [(model.forms[0], model.amplitudes) for model in self.competing if model.amplitudes is not None]
+        found = pairs[0] if pairs else None
         truths = {}
         for model in self.competing:
             if model.amplitudes is None and found is not None:
