@@ -30,7 +30,7 @@ from bayesid.signs.tuning import TUNING as SIGNS
 
 State = Literal["good", "look", "bad", "not done"]
 
-TELL_APART = "record a motion that loads or accelerates these joints"
+BETTER_MOTION = "record a motion that loads or accelerates these joints"
 ALTERNATIVES = "the report shows where the assignments differ; the posterior weights them"
 FACTOR_REMEDY = "add a log with a weighed --payload, or state one gain as exact"
 _MORE_TIME = "give a larger --time-limit"
@@ -65,7 +65,7 @@ def warnings_of(
     Args:
         log: the raw log.
         averaged: signs and fit.
-        model_error_probability: (n,) probability that the model is too wrong to tell the signs.
+        model_error_probability: (n,) probability that the model is too wrong to determine the signs.
         posterior: draws, if sampled.
         reading: a reading that explains the log better than the given one, if any.
         gains: identified gains, if they were unknown.
@@ -130,7 +130,7 @@ def not_proven(cost: float, lower_bound: float | None, uncertified_because: str,
             "tikhonov": "the data alone prefer another listed assignment; the assumed typical links decide",
             "noise": "the best assignment depends on the assumed noise level of each joint",
         }
-        return Check("Proof", "look", f"not proven ({why[uncertified_because]})", f"{TELL_APART}; {ALTERNATIVES}")
+        return Check("Proof", "look", f"not proven ({why[uncertified_because]})", f"{BETTER_MOTION}; {ALTERNATIVES}")
     if timed_out or lower_bound is None:
         return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
     gap = cost - lower_bound
@@ -143,30 +143,30 @@ def contradiction(share: float) -> Check:
     """Search and posterior disagree on signs with this share of a joint's effort."""
     message = f"search and posterior disagree on signs carrying up to {percent(share, 0)} of a joint's effort"
     state: State = "bad" if share > 0.5 else "look"
-    return Check("Proof", state, message, f"{TELL_APART}; or validate on a log with known signs")
+    return Check("Proof", state, message, f"{BETTER_MOTION}; or validate on a log with known signs")
 
 
 def confidences_lowered(model_error_probability: Sequence[float]) -> str:
-    """How the (n,) probabilities that the model is too wrong to tell the signs limit the confidences."""
+    """Limits of the confidences by (n,) probabilities that the model is too wrong to determine the signs."""
     shown = [(j, share) for j, share in enumerate(model_error_probability, start=1) if share >= TUNING.shown_doubt]
     limits = ", ".join(f"{1.0 - 0.5 * share:.2f} in joint {j}" for j, share in shown)
     return f"model error is large: confidences are at most {limits}"
 
 
 def convergence(max_rhat: float | None, min_ess: float | None) -> str:
-    """Worst R-hat and effective sample size, in words; None if not finite."""
+    """Largest R-hat and smallest effective sample size, in words; None if not finite."""
     rhat = "unknown" if max_rhat is None else f"{max_rhat:.3f}"
     size = "unknown" if min_ess is None else f"{min_ess:.0f}"
-    return f"R-hat {rhat}, effective sample size {size}"
+    return f"R-hat at most {rhat}, effective sample size at least {size}"
 
 
 def sampling(
     converged: bool, timed_out: bool, rhat: tuple[float | None, float | None], ess: tuple[float | None, float | None]
 ) -> Check:
-    """Whether the draws have converged: worst R-hat and effective sample size, each with its limit, if known."""
+    """Convergence of the draws: largest R-hat and smallest effective sample size, each with its limit, if known."""
     name, (worst_rhat, most), (size, least) = "Sampling", rhat, ess
     if converged:
-        return Check(name, "good", f"converged: {convergence(worst_rhat, size)}, at worst")
+        return Check(name, "good", f"converged: {convergence(worst_rhat, size)}")
     unmet = []
     if most is not None and (worst_rhat is None or not worst_rhat <= most):
         is_now = "unknown" if worst_rhat is None else _above(worst_rhat, most)
@@ -205,7 +205,7 @@ def modes(weights: Sequence[float], flipped: Sequence[Sequence[int]], chosen: in
         signs = f"signs of joint {joints} flipped" if joints else "single segments differ"
         parts.append(f"{weights[k]:.2g} for mode {k + 1}{f' ({signs})' if k else ''}")
     message = f"the posterior has other modes than mode {chosen + 1} ({weights[chosen]:.2g}): {', '.join(parts)}"
-    return Check("Modes", "look", message, f"`--mode` writes another one; {TELL_APART} to tell them apart")
+    return Check("Modes", "look", message, f"`--mode` writes another mode; {BETTER_MOTION} to exclude modes")
 
 
 def contradicted_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
@@ -244,14 +244,14 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
     yield from map(_remark, (*averaged.requested.model.robot.notes, *log.notes, *map(str, signals.faults)))
     for j in np.flatnonzero(still_joints(signals.motion.q)):
         start, end = signals.motion.t[[0, -1]]
-        message = f"joint {j + 1} stands still in the whole log, {start:.3f} to {end:.3f} s"
+        message = f"joint {j + 1} does not move in the whole log, {start:.3f} to {end:.3f} s"
         yield _remark(f"{message}; its friction and signs are unknown", "if it moved, its positions were not read")
     least, most = log.effort.min(axis=0), log.effort.max(axis=0)
     largest = np.maximum(most, -least)
     nonnegative = log.signed & (least > -TUNING.undershoot * largest) & (log.encoding is None)
     for j in np.flatnonzero(nonnegative):
         remedy = f"if it was rectified and then filtered, give --unsigned {j + 1}"
-        yield _remark(f"the effort of joint {j + 1} is hardly ever negative", remedy)
+        yield _remark(f"the effort of joint {j + 1} is almost never negative", remedy)
     if (after := signals.after_rectifier) is not None:
         yield low_pass(str(after.low_pass))
 
@@ -308,7 +308,7 @@ def _of_the_signs(averaged: AveragedSigns, model_error_probability: Array) -> It
     if not search.certified and (search.lower_bound is not None or search.timed_out):  # a beam proves nothing
         yield not_proven(search.cost, search.lower_bound, search.uncertified_because, search.timed_out)
     few = signs.unresolved < TUNING.shown_doubt * len(search.signs) or signs.rounds < SIGNS.search_rounds
-    if signs.unresolved and not (search.certified and few):  # a few samples near zero are left to smoothing
+    if signs.unresolved and not (search.certified and few):  # smoothing determines the signs of a few samples near zero
         segments = "1 segment still crosses" if signs.unresolved == 1 else f"{signs.unresolved} segments still cross"
         yield _remark(f"predicted effort: {segments} zero after {signs.rounds} searches")
     if fit.tolerance > TUNING.solver_gap:
@@ -335,7 +335,7 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
     if number > len(weights):
         yield _remark(f"the posterior has no mode {number} (number of modes: {len(weights)}); the heaviest is written")
     else:
-        yield modes(weights, [posterior.turned_joints(k) for k in range(len(weights))], posterior.chosen)
+        yield modes(weights, [posterior.flipped_joints(k) for k in range(len(weights))], posterior.chosen)
     if posterior.posterior_conflict is not None and posterior.posterior_conflict > TUNING.posterior_conflict:
         yield contradiction(posterior.posterior_conflict)
 

@@ -51,12 +51,12 @@ class EarlyFit:
     def feasible(self) -> ReadingResidual:
         """Residual of feasible parameters; by least squares if the solver fails."""
         try:
-            return self.fitted.feasible(self.starts, TUNING.hardly_feasible * self.residual.rms)
+            return self.fitted.feasible(self.starts, TUNING.barely_feasible * self.residual.rms)
         except SolverError:
             return self.residual
 
     def started_from(self, other: EarlyFit) -> EarlyFit:
-        """Fitted also from another reading's signs: of all joints, and of those that both read alike."""
+        """The better fit of this one and fits that start from another reading's signs."""
         if self.fitted.signed.all():
             return self
         fitted, alike = self.fitted, ~(self.fitted.reading.changed | other.fitted.reading.changed)

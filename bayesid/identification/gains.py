@@ -38,7 +38,7 @@ class IdentifiedGains:
         weights: (n,) weights of the logarithms in the logarithm of the common factor.
         stated: the gains as stated.
         converged: whether signs and gains converged.
-        like_friction: joints (from 1) whose gain cannot be told from load-dependent friction.
+        like_friction: joints (from 1) whose gain cannot be distinguished from load-dependent friction.
 
     Example:
         >>> log = bayesid.read_log("currents.csv", gains="12~20%,16~20%,10~20%")
@@ -133,7 +133,7 @@ class UnknownGains:
         self.fit: GainFit | None = None
         self._like_friction: tuple[int, ...] = ()
         self._prior: GainPrior | None = None if log.gains is None else prior_of(log.gains)
-        self._moves = 0
+        self._updates = 0
 
     @property
     def unknown(self) -> Mask:
@@ -142,12 +142,12 @@ class UnknownGains:
         return np.zeros(n, dtype=bool) if self._stated is None else self._stated.unknown
 
     def begin(self, log_data: LogData) -> None:
-        """Sets unknown gains to values that give the robot likely masses."""
+        """Sets unknown gains to values that imply likely masses of the robot."""
         if self._stated is not None:
             self.log = self.log.rescaled(likely_gains(log_data, self._stated))
 
-    def moved(self, log_data: LogData, noise: Noise, probability: Array) -> bool:
-        """Whether the gains changed with these signs; then the log's efforts are rescaled.
+    def update(self, log_data: LogData, noise: Noise, probability: Array) -> bool:
+        """Estimates the gains with these signs; rescales the log's efforts and returns True if they have changed.
 
         Args:
             log_data: model and log.
@@ -157,15 +157,15 @@ class UnknownGains:
         if self._prior is None:
             return False
         fit = self._fit(self._prior, log_data, noise, probability)
-        if self._off(fit) > TUNING.gain_step and self._moves < TUNING.gain_moves:
+        if self._off(fit) > TUNING.gain_step and self._updates < TUNING.gain_moves:
             self.log, self._prior = self.log.rescaled(np.exp(fit.log)), self._prior.moved(fit.log)
-            self._moves += 1
+            self._updates += 1
             return True
         self._keep(fit, log_data, noise)
         return False
 
     def estimate(self, log_data: LogData, noise: Noise, probability: Array) -> None:
-        """Estimates the gains under the result's model without rescaling the log; arguments as for `moved`."""
+        """Estimates the gains under the result's model without rescaling the log; arguments as for `update`."""
         if self._prior is not None:
             self._keep(self._fit(self._prior, log_data, noise, probability), log_data, noise)
 
@@ -214,11 +214,11 @@ def links_of(prior: ParameterPrior, log_data: LogData, normal_equations: NormalE
 
 
 def _like_friction(log_data: LogData, noise: Noise, fit: GainFit) -> tuple[int, ...]:
-    """Joints (from 1) whose gain cannot be told from load-dependent friction.
+    """Joints (from 1) whose gain cannot be distinguished from load-dependent friction.
 
-    This friction is proportional to the load, as a gain is, but changes sign with the velocity. If the log moves a
-    joint under load in one direction only, both look alike. A joint is listed if estimating this friction too leaves
-    less than a tenth of the log's information about the gain.
+    Both effects are proportional to the load, but friction changes sign with the velocity. If the log moves a joint
+    under load in one direction only, the effects are the same. A joint is listed if less than a tenth of the
+    information about its gain remains when this friction is estimated too.
     """
     model, motion = log_data.model, log_data.signals.motion
     weight = noise.sigma * np.sqrt(noise.autocorrelation)
@@ -248,7 +248,7 @@ def _like_friction(log_data: LogData, noise: Noise, fit: GainFit) -> tuple[int, 
 def _beside(hessian: Array, across: Array, squares: Array) -> Array:
     """(K, 2, 2) inner products of pairs of columns after projecting out the model's columns.
 
-    Directions of the model's columns that are zero up to rounding are left out; their projection would be noise.
+    Directions of the model's columns that are zero up to rounding are omitted, as their projection is rounding error.
 
     Args:
         hessian: (r, r) inner products of the model's columns.

@@ -74,7 +74,7 @@ class Identification(IdentifiedModel):
         posterior: draws; None if not sampled.
         sign_terms: terms of the model that the signs were found with.
         completed_model_weight: weight of that model against the given one, if they differ.
-        model_error_probability: (n,) probability that the model is too wrong to tell the signs.
+        model_error_probability: (n,) probability that the model is too wrong to determine the signs.
         searched: the segments of the last search.
         search: its result.
         rounds: number of searches, until no segment's predicted effort crossed zero.
@@ -195,7 +195,7 @@ class Identification(IdentifiedModel):
     @property
     def identified(self) -> IdentifiedModel:
         """The model alone, without the log."""
-        same = {one.name: getattr(self, one.name) for one in fields(IdentifiedModel)}
+        same = {item.name: getattr(self, item.name) for item in fields(IdentifiedModel)}
         return IdentifiedModel(**same | {"listed": tuple(self.coefficients_table())})
 
     @property
@@ -402,5 +402,5 @@ def identified_of(model: object, name: str) -> IdentifiedModel:
     """
     if not isinstance(model, IdentifiedModel):
         folder = repr(str(model)) if isinstance(model, str | PathLike) else "folder"
-        raise InputError(f"{model!r:.60} is no result", name, f"give bayesid.load({folder})")
+        raise InputError(f"{model!r:.60} is not a result", name, f"give bayesid.load({folder})")
     return model.identified if isinstance(model, Identification) else model

@@ -265,8 +265,8 @@ class IdentifiedModel:
         check_payloads(self.model, motion)
         known = self._knows_parameters
         if not known and not noise:
-            said = "nothing is known about the uncertainty of the model's parameters"
-            raise InputError(said, field="noise=False", remedy="leave it out: the noise is known")
+            message = "nothing is known about the uncertainty of the model's parameters"
+            raise InputError(message, field="noise=False", remedy="leave it out: the noise is known")
         of_noise = self.noise.sigma if self.draws is None else np.sqrt(np.mean(self.draws.sigma**2, axis=0))
         return PredictedEfforts(
             t=motion.t,

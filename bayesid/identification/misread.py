@@ -8,8 +8,8 @@ given reading and r', e_j' those of another, their Bayesian information criteria
     2 sum_j n_j ln(e_j / e_j') - (r' - r) ln(sum_j n_j),
 
 n_j the effective samples by the reading with the smaller residual. A better reading must have decisive odds and a
-clearly smaller residual: no model is exact, so odds alone grow with the length of the log. Before the search the
-residuals of feasible parameters count. Least squares alone cannot see reversed efforts, as negative friction and mass
+clearly smaller residual: no model is exact, so odds alone grow with the length of the log. Before the search residuals
+are those of feasible parameters. Least squares alone does not detect reversed efforts, as negative friction and mass
 fit them equally well.
 """
 
@@ -45,8 +45,8 @@ from bayesid.robot import BUILT_IN, Joint, Robot, load_robot
 from bayesid.robot.load import CONTROLLERS
 
 _DECISIVE = np.log(1000.0)
-"""Nats: odds of 1000. A Bayes factor above 100 is decisive (Jeffreys 1961, appendix B); the check is `bad`, so more is
-asked for."""
+"""Nats: odds of 1000. A Bayes factor above 100 is decisive (Jeffreys 1961, appendix B); a check with the verdict `bad`
+needs more."""
 _BY_FEASIBILITY = "direction", "mounting"
 """Kinds that differ from the given reading by the feasibility of the parameters alone."""
 _DEGREE = np.pi / 180.0
@@ -138,9 +138,9 @@ class _Comparison:
         self.given = given.polished() if given.residual.share.max() > TUNING.early_suspicious else given
 
     @property
-    def hardly_feasible(self) -> bool:
+    def barely_feasible(self) -> bool:
         """Whether feasible parameters fit the given reading clearly worse than least squares."""
-        return self.given.feasible.rms >= TUNING.hardly_feasible * self.given.residual.rms
+        return self.given.feasible.rms >= TUNING.barely_feasible * self.given.residual.rms
 
     def fits(self, readings: Sequence[Reading]) -> list[EarlyFit]:
         return [EarlyFit.of(fitted, self.drawn, self._found) for fitted in _fitted(readings, self.excerpt)]
@@ -151,28 +151,28 @@ def _misread_before(log_data: LogData) -> Misreading | None:
         return None
     early = _Comparison(log_data, TUNING.early_instants)
     given = early.given
-    if given.residual.share.max() <= TUNING.early_suspicious and not early.hardly_feasible:
+    if given.residual.share.max() <= TUNING.early_suspicious and not early.barely_feasible:
         return None
     readings = list(_distinct(_all_readings(given.fitted.reading, EARLY), early.excerpt))
     tried = early.fits(readings)
-    first = min(tried, key=lambda one: one.score).fitted.reading
+    first = min(tried, key=lambda fit: fit.score).fitted.reading
     if first.kind == "zeros":  # tables may differ by two zeros: all links upright in one, horizontal in the other
         pairs = list(_distinct(_all_readings(first, (_ZEROS,)), early.excerpt))
         both = early.fits(pairs)
         readings += pairs
-        tried += [one for one in both if one.score < min(tried, key=lambda one: one.score).score - TUNING.early_fall]
-    best = min(tried, key=lambda one: one.score)
-    tried = [one.started_from(best) for one in tried]
-    finalists = [one.refined() for one in _least(tried, TUNING.finalists)]
-    if early.hardly_feasible:  # readings with the same least-squares residual may be feasible
-        least = TUNING.hardly_feasible * given.residual.rms
-        alike = [one for one in tried if one.fitted.reading.kind in _BY_FEASIBILITY and one.residual.rms < least]
-        finalists += [one for one in alike if all(one.fitted.reading is not of.fitted.reading for of in finalists)]
+        tried += [fit for fit in both if fit.score < min(tried, key=lambda fit: fit.score).score - TUNING.early_fall]
+    best = min(tried, key=lambda fit: fit.score)
+    tried = [fit.started_from(best) for fit in tried]
+    finalists = [fit.refined() for fit in _least(tried, TUNING.finalists)]
+    if early.barely_feasible:  # readings with the same least-squares residual may be feasible
+        least = TUNING.barely_feasible * given.residual.rms
+        alike = [fit for fit in tried if fit.fitted.reading.kind in _BY_FEASIBILITY and fit.residual.rms < least]
+        finalists += [fit for fit in alike if all(fit.fitted.reading is not of.fitted.reading for of in finalists)]
     found = _best(given, finalists, len(readings))
     if found is None:
         return _unrelated(given, early.drawn)
     later = _Comparison(log_data, TUNING.instants)  # few samples may leave the given reading at wrong signs
-    again = [one.refined() for one in later.fits([found[0]])]
+    again = [fit.refined() for fit in later.fits([found[0]])]
     confirmed = _best(later.given, again, len(readings))
     return None if confirmed is None else confirmed[1]
 
@@ -205,7 +205,7 @@ def _best(given: EarlyFit, finalists: Sequence[EarlyFit], tried: int) -> tuple[R
 def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
     """Whether the motion explains the efforts no better than efforts shifted in time."""
     excerpt, residuals = given.fitted.excerpt, []
-    if given.residual.rms < TUNING.hardly_related:
+    if given.residual.rms < TUNING.weakly_related:
         return None
     for k in (1, 2, 3):
         shifted = excerpt._replace(effort=np.roll(excerpt.effort, k * len(excerpt.effort) // 4, axis=0))
@@ -223,7 +223,7 @@ def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
 
 
 def _of_another_size(log_data: LogData) -> Misreading | None:
-    """Efforts of an implausible size for an arm of this reach, or of one joint compared with the others."""
+    """Efforts of implausible size for an arm of this reach, or in one joint compared with the others."""
     n = log_data.model.robot.n_joints
     gains = Gains(np.ones(n), np.full(n, np.inf), of_torques=True)
     factors = np.log(likely_gains(log_data, gains))
@@ -385,11 +385,11 @@ def _units(robot: Robot) -> _Changes:
 
 def _units_of_one(robot: Robot) -> _Changes:
     for j in [j for j, joint in enumerate(robot.joints) if not joint.prismatic and robot.n_joints > 1]:
-        one = np.arange(robot.n_joints) == j
+        at_joint = np.arange(robot.n_joints) == j
         for factor in (1e-3, 1e3, 1e-2, 1e2):
-            yield in_units(j, factor), {"units": np.where(one, factor, 1.0)}
+            yield in_units(j, factor), {"units": np.where(at_joint, factor, 1.0)}
         for factor, change in ((_DEGREE, "degrees, not rad"), (1.0 / _DEGREE, "rad, not degrees")):
-            yield f"the positions of joint {j + 1} alone in {change}", {"factor": np.where(one, factor, 1.0)}
+            yield f"the positions of joint {j + 1} alone in {change}", {"factor": np.where(at_joint, factor, 1.0)}
 
 
 def _longer(frame: Array, factor: float) -> Array:
@@ -429,8 +429,8 @@ def _other_robots(robot: Robot) -> _Changes:
 
 def _controllers_table(robot: Robot) -> _Changes:
     """The built-in table of the same arm with the zeros and directions of its controller, or without them."""
-    for own, of_controller in CONTROLLERS.items():
-        for given, other in ((own, of_controller), (of_controller, own)):
+    for plain, of_controller in CONTROLLERS.items():
+        for given, other in ((plain, of_controller), (of_controller, plain)):
             if robot.same_kinematics(_built_in()[given]):
                 yield f"{_TABLE_OF}{other}", {"robot": _built_in()[other]}
 

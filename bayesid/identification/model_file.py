@@ -66,8 +66,8 @@ def load(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Identified
     except KeyError as error:
         raise InputError(f"key {error} is missing", str(path), remedy) from None
     except (AttributeError, OSError, OverflowError, RecursionError, TypeError, ValueError) as error:
-        said = printable(str(error))
-        raise InputError(f"was changed or not written by bayesid ({said})", str(path), remedy) from None
+        detail = printable(str(error))
+        raise InputError(f"was changed or not written by bayesid ({detail})", str(path), remedy) from None
 
 
 def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Effect]]) -> IdentifiedModel:
@@ -129,8 +129,8 @@ def _stored_coefficients(path: Path) -> tuple[Coefficient, ...]:
             return tuple(map(_stored_coefficient, csv.DictReader(file)))
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         remedy = "leave the file as `bayesid identify` wrote it, or remove it"
-        said = printable(str(error))
-        raise InputError(f"was changed or not written by bayesid ({said})", str(path), remedy) from None
+        detail = printable(str(error))
+        raise InputError(f"was changed or not written by bayesid ({detail})", str(path), remedy) from None
 
 
 def _stored_coefficient(row: Mapping[str, str]) -> Coefficient:

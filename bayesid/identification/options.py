@@ -71,8 +71,8 @@ class Preprocessing:
     def __post_init__(self) -> None:
         Segmentation(self.prominence, self.threshold)  # checks the values
         if self.max_memory is not None and not self.max_memory > 0.0:
-            said = f"a memory of {self.max_memory:g} GB"
-            raise InputError(said, field="Preprocessing.max_memory", remedy="give more than 0")
+            message = f"a memory of {self.max_memory:g} GB"
+            raise InputError(message, field="Preprocessing.max_memory", remedy="give more than 0")
 
 
 def plain_options(options: Mapping[str, object]) -> dict[str, object]:
@@ -119,7 +119,7 @@ def call_of(function: str, *given: str, **options: tuple[object, object]) -> str
 def _as_python(value: object) -> str:
     """Option objects with their non-default fields only; tables abbreviated."""
     if is_dataclass(value) and not isinstance(value, type):
-        parts = [(one.name, getattr(value, one.name), _usual(one)) for one in fields(value)]
+        parts = [(item.name, getattr(value, item.name), _usual(item)) for item in fields(value)]
         changed = ", ".join(f"{name}={_as_python(part)}" for name, part, usual in parts if repr(part) != repr(usual))
         return f"bayesid.{type(value).__name__}({changed})"
     return "{...}" if isinstance(value, Mapping) and value else repr(value)
@@ -140,17 +140,17 @@ def check_memory(log: Log, limit: float | None) -> None:
     needed = memory_needed(log)
     if needed > allowed:
         rows = f"{len(log)} rows of {log.n_joints} joints"
-        said = f"{rows} need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
+        message = f"{rows} need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
         remedy = "give more `Preprocessing.max_memory`, resample the log at a lower rate, or cut it"
-        raise InputError(said, log.source, remedy)
+        raise InputError(message, log.source, remedy)
 
 
 def memory_needed(log: Log) -> float:
     """Approximate peak memory of an identification, GB."""
     grid = (log.t[-1] - log.t[0]) / log.period if log.period > 0.0 else 0.0
     instants = max(float(len(log)), grid)
-    kept = TUNING.memory_a_kept_value * min(instants, TUNING.kept_instants)
-    return float(1e-9 * (TUNING.memory_at_least + log.n_joints * (TUNING.memory_a_value * instants + kept)))
+    kept = TUNING.memory_per_kept_value * min(instants, TUNING.kept_instants)
+    return float(1e-9 * (TUNING.memory_at_least + log.n_joints * (TUNING.memory_per_value * instants + kept)))
 
 
 def _usual_limit() -> float:

@@ -171,7 +171,7 @@ class PayloadEstimate:
 
     Attributes:
         body: mass, centre of mass and inertia, in the frame of the last link.
-        check: whether anything but the payload has changed since the earlier log.
+        check: whether anything except the payload has changed since the earlier log.
         gain_factor: factor that corrects the efforts, from a known mass; None without one or without a payload.
         known_mass: kg, with its sd; None if not given.
         identification: identification of the model with the payload.
@@ -311,7 +311,7 @@ def identify_payload(
         known_mass=stated,
         identification=again,
         warnings=(
-            *(said for said in again.warnings if said not in map(str, on_edge(again.fit, log.n_joints))),
+            *(warning for warning in again.warnings if warning not in map(str, on_edge(again.fit, log.n_joints))),
             *_ratios_warning(known.gains),
         ),
         seconds=time.perf_counter() - began,
@@ -381,12 +381,12 @@ def _check_shown(again: Identification) -> None:
     count = moving.sum(axis=0)
     least = TUNING.min_samples
     if count.max() < least:
-        said = f"only {int(count.max())} samples in motion"
-        raise InputError(said, log, f"record at least {least} samples in which joints move")
+        message = f"only {int(count.max())} samples in motion"
+        raise InputError(message, log, f"record at least {least} samples in which joints move")
     spread = np.array([e[used].std() if used.any() else 0.0 for e, used in zip(effort.T, moving.T, strict=True)])
     if np.all(again.fit.residual.sigma > spread):
-        said = "the model with a payload explains no joint's efforts better than a constant"
-        raise InputError(said, log, "give a log of the robot that the model was identified from")
+        message = "the model with a payload explains no joint's efforts better than a constant"
+        raise InputError(message, log, "give a log of the robot that the model was identified from")
     if not _posterior_of(again).decided_by_data[-1]:
         remedy = "record a motion that turns the payload against gravity, with all joints"
         raise InputError("does not show the mass of a payload", log, remedy)

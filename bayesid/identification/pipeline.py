@@ -127,7 +127,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     terms = catalogue.check_terms(terms)
     subject = {
         **({"robot": robot.name} if robot.origin is None else robot.origin.options),
-        "terms": [str(one) for one in terms],
+        "terms": [str(term) for term in terms],
         "complete": check_completeness(complete),
     }
     if constraints is not None:
@@ -150,12 +150,12 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         search = run.budget()  # each change of gains needs a new proof
         requested, found = find_unfiltered_signs(model, signals, segments, search, preprocessing.segmentation, progress)
         run.lap("search")
-        plain = plain and gains.moved(requested.log_data, requested.fit.noise, requested.mixed)
+        plain = plain and gains.update(requested.log_data, requested.fit.noise, requested.mixed)
         if plain:
             signals, segments = _cut(run, model, gains.log)
             continue
         completed = _completed(run, requested, found, search, completing)
-        if not gains.moved(completed.averaged.requested.log_data, requested.fit.noise, completed.averaged.mixed):
+        if not gains.update(completed.averaged.requested.log_data, requested.fit.noise, completed.averaged.mixed):
             break
         signals, segments = _cut(run, model, gains.log)
     completed, result = _by_posterior(run, log, requested, completed, gains)
@@ -201,7 +201,7 @@ def _by_posterior(
 def _flipped(result: Identification) -> bool:
     """Whether the chosen mode of the posterior flips a joint against the search."""
     posterior = result.posterior
-    return posterior is not None and bool(posterior.turned_joints(posterior.chosen, result.search.signs))
+    return posterior is not None and bool(posterior.flipped_joints(posterior.chosen, result.search.signs))
 
 
 @one_blas_thread
@@ -218,8 +218,8 @@ def identify_again(
 ) -> Identification:
     """Identifies a given model from a log; no effects are added.
 
-    Signs are searched twice: from scratch and from the given parameters; the better ones for log and knowledge are
-    kept. Without knowledge, effects that the log cannot exclude widen the intervals.
+    Signs are searched twice: without a start and from the given parameters. The signs with the better fit to log and
+    knowledge are kept. Without knowledge, effects that the log cannot exclude widen the intervals.
 
     Args:
         model: robot, terms and distortions.
@@ -235,7 +235,12 @@ def identify_again(
         SolverError: an optimisation failed.
     """
     run = _Run(
-        search, posterior, preprocessing, ParameterPrior(), progress, {"model": [one.name for one in model.effects]}
+        search,
+        posterior,
+        preprocessing,
+        ParameterPrior(),
+        progress,
+        {"model": [effect.name for effect in model.effects]},
     )
     check_exact_gains(log)
     check_memory(log, preprocessing.max_memory)
@@ -281,7 +286,7 @@ def identify_with(
         SolverError: an optimisation failed.
     """
     run = _Run(
-        search, False, Preprocessing(), ParameterPrior(), progress, {"model": [one.name for one in model.effects]}
+        search, False, Preprocessing(), ParameterPrior(), progress, {"model": [effect.name for effect in model.effects]}
     )
     run.laps["search"] = searched.search.seconds
     with progress.stage("fit"):
@@ -306,14 +311,14 @@ class _Run:
 
     def __post_init__(self) -> None:
         if isinstance(self.search, str):
-            said = f"{self.search!r} is not a search"
-            raise InputError(said, "search", "give bayesid.Certified() or bayesid.Beam()")
+            message = f"{self.search!r} is not a search"
+            raise InputError(message, "search", "give bayesid.Certified() or bayesid.Beam()")
         if not isinstance(self.posterior, bool | Sampling):
             remedy = "give True, False or bayesid.Sampling()"
             raise InputError(f"{self.posterior!r} is not a sampling", "posterior", remedy)
         if not isinstance(self.prior, ParameterPrior):
-            said = f"{type(self.prior).__name__} is not a prior"
-            raise InputError(said, "prior", "give bayesid.ParameterPrior(nominal=..)")
+            message = f"{type(self.prior).__name__} is not a prior"
+            raise InputError(message, "prior", "give bayesid.ParameterPrior(nominal=..)")
 
     @property
     def sampling(self) -> Sampling | None:
@@ -337,7 +342,7 @@ class _Run:
         return OneBudget(self.search, self._searching_since)
 
     def left(self, sampling: Sampling) -> Sampling:
-        """The sampling with the rest of its time limit after earlier posteriors."""
+        """The sampling with the part of its time limit that earlier posteriors have not used."""
         return replace(sampling, time_limit=max(sampling.time_limit - self.laps.get("posterior", 0.0), 0.0))
 
     def lap(self, stage: str) -> None:
@@ -359,7 +364,7 @@ def _prepared(
         check_memory(log, run.preprocessing.max_memory)
         _check(robot, log)
         signals = prepare(log, run.preprocessing.cutoff)
-        payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
+        payloads = (term for term in carried_payloads(signals.motion) if term not in terms)
         model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
         if constraints is not None:
             says = read_constraints(constraints) if isinstance(constraints, str | Path) else constraints
@@ -400,7 +405,7 @@ def _call(
     terms: tuple[str | Term, ...],
     constraints: ConstraintFunction | str | Path | None,
 ) -> str:
-    """Python code of the run; `robot` and `constraints` stand for objects made in Python."""
+    """Python code of the run; objects made in Python appear as `robot` and `constraints`."""
     return call_of(
         "identify",
         "robot" if robot.origin is None else robot.origin.in_python,
@@ -535,9 +540,9 @@ def _check_scale(log: Log, model: Model) -> None:
         return
     kept = model.constraints.homogeneous.labels
     if bound := [label for label in model.constraints.labels if label not in kept]:
-        said = f"{', '.join(bound)} cannot be used with uncertain gains, which scale all parameters"
+        message = f"{', '.join(bound)} cannot be used with uncertain gains, which scale all parameters"
         remedy = "give exact gains, or state single masses with their sd by --nominal instead"
-        raise InputError(said, field="constraints", remedy=remedy)
+        raise InputError(message, field="constraints", remedy=remedy)
 
 
 def _check_amount(signals: Signals, segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
@@ -545,9 +550,9 @@ def _check_amount(signals: Signals, segments: Segments, coefficients: BaseCoeffi
     remedy = "record a longer log or give fewer `terms`"
     if len(log) < count:
         independent = f"{independent_instants(signals)} independent samples per joint"
-        said = f"too short to identify {count} coefficients from {len(log)} rows ({independent})"
-        raise InputError(said, log.source, remedy)
-    if samples < TUNING.samples_a_coefficient * count:
+        message = f"too short to identify {count} coefficients from {len(log)} rows ({independent})"
+        raise InputError(message, log.source, remedy)
+    if samples < TUNING.samples_per_coefficient * count:
         which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
-        needed = f"at least {TUNING.samples_a_coefficient * count} are needed"
+        needed = f"at least {TUNING.samples_per_coefficient * count} are needed"
         raise InputError(f"{samples} samples {which} for {count} coefficients; {needed}", log.source, remedy)

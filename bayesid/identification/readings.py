@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -317,13 +318,13 @@ class Fitted:
 
         distinct = {effort.tobytes(): effort for effort in (each * self.weight for each in efforts)}
         starts = sorted(distinct.values(), key=lambda effort: -float(np.sum((self.basis.T @ effort.ravel()) ** 2)))
-        best = min((solved(effort) for effort in starts[: 2 * TUNING.kept_flips]), key=lambda one: one[0])
+        best = min((solved(effort) for effort in starts[: 2 * TUNING.kept_flips]), key=itemgetter(0))
         if best[0] > enough and not self.signed.all():
-            best = min([best, *(solved(self.doing_work(start)) for start in starts[:2])], key=lambda one: one[0])
+            best = min([best, *(solved(self.doing_work(start)) for start in starts[:2])], key=itemgetter(0))
         for j in np.flatnonzero(~self.signed).tolist():
             if best[0] > enough:
                 flipped = np.where(np.arange(len(self.signed)) == j, -best[3], best[3])
-                best = min([best, solved(flipped)], key=lambda one: one[0])
+                best = min([best, solved(flipped)], key=itemgetter(0))
         return self._residual_of(best[1], best[1] - best[2], len(coefficients))
 
     def _residual_of(self, effort: Array, residual: Array, size: int) -> ReadingResidual:

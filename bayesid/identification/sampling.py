@@ -91,7 +91,7 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
 def fit_of_mode(averaged: AveragedSigns, posterior: Posterior) -> Fit:
     """Least squares with the signs of the chosen mode; the fit of the search unless the mode flips a joint."""
     log_data = averaged.requested.log_data
-    if not averaged.by_requested or not posterior.turned_joints(
+    if not averaged.by_requested or not posterior.flipped_joints(
         posterior.chosen, averaged.sign_solution.signs.search.signs
     ):
         return averaged.fit

@@ -8,7 +8,7 @@ Every unknown sign is summed out. So the mass of a listed assignment b is an ave
 including the mass of its part of the cone (Rao-Blackwell: its signs need not be drawn). The remaining mass belongs to
 unlisted assignments. If modes do not mix, each is sampled separately and weighted by its marginal likelihood.
 
-Information of an earlier log counts as data: it is a factor beside prior and likelihood.
+Information of an earlier log counts as data: it multiplies prior and likelihood.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class Posterior:
     #: (D, E, W, P) shifts of the draws by effects that the model may lack; None without any. They change no sign and no
     #: estimate of this log, only the uncertainty
     shift: Array | None = None
-    #: share of a joint's squared effort, of the worst one, with signs that the draws prefer and the search has
-    #: excluded; None if it has excluded none
+    #: share of the worst joint's squared effort with signs that the draws prefer and the search has excluded; None if
+    #: the search has excluded none
     posterior_conflict: float | None = None
     #: (D, E, W, n) logarithms of each draw's gains, relative to those of the efforts; None if all gains are exact. The
     #: draws are scaled by them too
@@ -73,12 +73,12 @@ class Posterior:
         lines = [
             f"Posterior of {size} parameters: {sweeps * ensembles * walkers} draws in {self.seconds:.1f} s",
             f"converged    {'yes' if self.converged else 'no'}: R-hat {self.max_rhat:.3f}, effective sample size "
-            f"{self.min_ess:.0f} at worst",
+            f"{self.min_ess:.0f} (worst values)",
             f"modes        {len(self.modes)} (weights {weights}), mode {self.chosen + 1} is written",
             f"decided      {int(self.decided_by_data.sum())} of {size} parameters by the data",
-            f"bounds       {', '.join(name for name, _ in self.active_bounds) or 'none'} of the prior's are active",
+            f"bounds       {', '.join(name for name, _ in self.active_bounds) or 'none'} of the prior active",
             *([f"constraints  {', '.join(self.active_constraints) or 'none'} are active"] if self.at_edges else []),
-            "go on with   .theta, .parameter_sd, .interval(0.95), result.to_inference_data()",
+            "next         .theta, .parameter_sd, .interval(0.95), result.to_inference_data()",
         ]
         return "\n  ".join(lines)
 
@@ -117,7 +117,7 @@ class Posterior:
 
     @property
     def active_constraints(self) -> dict[str, float]:
-        """Constraints that the draws press against: their labels, and the share at the edge."""
+        """Active constraints: their labels, and the share of draws at the edge."""
         return {label: share for label, share in self.at_edges.items() if share > TUNING.presses}
 
     @property
@@ -176,15 +176,15 @@ class Posterior:
         """(D, E, W) index of each draw's mode."""
         return mode_of_draws(self.modes)
 
-    def turned_joints(self, mode: int, signs: Integers | None = None) -> tuple[int, ...]:
+    def flipped_joints(self, mode: int, signs: Integers | None = None) -> tuple[int, ...]:
         """Joints, from 1, with more than half of their unsigned energy flipped between a mode and `signs` (S,).
 
         By default `signs` are those of the heaviest mode.
         """
-        than = self._signs(0) if signs is None else signs
+        reference = self._signs(0) if signs is None else signs
         likelihood, energy = self.target.likelihood, self.normal_equations.energy
         unknown = likelihood.fixed == 0
-        other = unknown & (self._signs(mode) != than)
+        other = unknown & (self._signs(mode) != reference)
         joints = (np.arange(likelihood.n_joints)[:, None] == likelihood.joint) * energy
         return tuple((np.flatnonzero(joints @ other > 0.5 * (joints @ unknown)) + 1).tolist())
 
@@ -197,8 +197,8 @@ class Posterior:
     def decided_by_data(self) -> Mask:
         """(P,) whether the data, not the prior, decide a parameter: they give 90 % of its precision.
 
-        The normal distribution without the cone is used (:eq:`posterior-precision`), as the cone is not measured.
-        Information of an earlier log counts as data.
+        The precision is that of the normal distribution without the cone (:eq:`posterior-precision`). Information of an
+        earlier log counts as data.
         """
         variance = self._without_cone(np.eye(len(self.theta)))
         if self.shift is not None and self.model_error_covariance is None:
@@ -217,7 +217,7 @@ class Posterior:
     def decided_by_constraints(self, rows: Array) -> Mask:
         """(K,) whether stated constraints, and not the data, decide combinations (K, P) of the parameters.
 
-        They leave at most a tenth of the prior's variance, and half of that given prior and data.
+        They do if the variance with them is at most a tenth of the prior's, and half of that given prior and data.
         """
         stated, prior = self.target.prior.stated, self.target.prior
         if stated is None:
@@ -233,9 +233,9 @@ class Posterior:
     def interval(self, mass: float) -> tuple[Array, Array]:
         """(r,) ends of each coefficient's central interval of this posterior mass.
 
-        A nonnegative coefficient gets the shortest interval, from zero if that is hardly longer. Equal tails would
-        exclude the true value zero of an absent friction. With estimated gains zero is included
-        only if it is so at a fixed common factor too; otherwise the interval is central, as that factor is log-normal.
+        A nonnegative coefficient gets the shortest interval, or one from zero if that is little longer. Equal tails
+        would exclude zero, the true value without friction. With estimated gains zero is included only if it is at a
+        fixed common factor too; otherwise the interval is central, as that factor is log-normal.
         """
         beta = self.uncertain.beta
         beta = beta.reshape(-1, beta.shape[-1])
@@ -289,7 +289,7 @@ def widened(posterior: Posterior, information: Array, model_error_covariance: Ar
     nonnegative parameters that are coefficients by themselves are kept at zero or above.
     H is the information (r, r) of the coefficients; `model_error_covariance` is the covariance (r, r) of e.
 
-    Stated constraints hold for these draws too; they are then drawn again inside.
+    With stated constraints, new draws are made that satisfy them.
     """
     if posterior.target.prior.unstated is not None:
         return _drawn_wider(posterior, posterior.target.prior.unstated, information, model_error_covariance)

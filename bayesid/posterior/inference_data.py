@@ -6,7 +6,7 @@ Groups and their dimensions, every one with named coordinates:
   coordinate `mode` (chain, draw) counts from 1, the heaviest.
 - sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
 - log_likelihood (chain, draw, block): `effort`, see `bayesid.posterior.likelihood.pointwise`. Blocks with the same
-  likelihood in all draws, such as those without samples, are left out (`az.loo` refuses them). The attribute `left_out`
+  likelihood in all draws, such as those without samples, are omitted (`az.loo` refuses them). The attribute `left_out`
   counts them.
 - observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), with each block's joint, times,
 samples

@@ -1,21 +1,23 @@
 """The likelihood of parameters and noise scales with unknown signs summed out, from normal equations.
 
-Row i of joint j is  s_k |tau|_i = y_i' beta + e_i  with s_k the sign of its segment and e_i normal. With u_j the
-logarithm of joint j's noise over its reference, w_j = exp(-2 u_j), n_j its effective samples (samples over the
-integrated autocorrelation time of the residual), and H_j, g_k, c_j in units of the reference noise,
-:eq:`marginal-likelihood`::
+Row i of joint j is  s_k |tau|_i = y_i' beta + e_i  with s_k the sign of its segment and e_i normal. Let
 
-    log L(beta, u) = sum_j [-n_j u_j - w_j (beta' H_j beta + c_j) / 2] + sum_k log(2 cosh(w_j(k) g_k' beta)),
+- u_j be the logarithm of joint j's noise over its reference, and w_j = exp(-2 u_j),
+- n_j its effective samples: samples over the integrated autocorrelation time of the residual,
+- H_j, g_k, c_j the normal equations in units of the reference noise.
 
-up to a constant. A segment with a fixed sign (known, or decided by the branch) has s_k w_j g_k' beta in place of its
-log(2 cosh). H_j are sums over segments, so the cost does not depend on the log's length.
+Then, up to a constant, :eq:`marginal-likelihood`::
 
-Blocks are stretches of a log that are left out one at a time to compare models by their draws.
+    log L(beta, u) = sum_j [-n_j u_j - w_j (beta' H_j beta + c_j) / 2] + sum_k log(2 cosh(w_j(k) g_k' beta)).
 
-A segment may have a tenth of a short log's information. Without it the posterior differs too much for draws given all
-data (Vehtari, Gelman and Gabry 2017: a Pareto k above 0.7). So segments are cut into blocks of at least eight
-autocorrelation times of the residual, which are nearly independent. If all draws agree on a sign s_k, the likelihoods
-of a segment's blocks multiply to that of the segment. If not, the segment is left out as a whole.
+A segment with a fixed sign (known, or decided by the branch) contributes s_k w_j g_k' beta instead of the log(2 cosh).
+H_j are sums over segments, so the computing time does not depend on the log's length.
+
+Models are compared by leave-one-out cross-validation over blocks of the log, from the draws given all data. This fails
+if one part has much of the information (Vehtari, Gelman and Gabry 2017: a Pareto k above 0.7), and a segment may have a
+tenth of a short log's. So segments are cut into blocks of at least eight autocorrelation times of the residual, which
+are nearly independent. The likelihood of a segment is the product of those of its blocks if all draws agree on its
+sign. If they do not, the whole segment is one block.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ class Likelihood:
         return np.flatnonzero(self.fixed == 0)
 
     @cached_property
-    def settled(self) -> Array:
+    def fixed_gradient(self) -> Array:
         """(n, r) sum of s_k g_k over each joint's segments of fixed sign."""
         total = np.zeros((self.n_joints, self.gradient.shape[1]))
         np.add.at(total, self.joint, self.fixed[:, None] * self.gradient)
@@ -82,7 +84,7 @@ class Likelihood:
         weight = np.exp(-2.0 * log_scale)
         push = np.abs(beta @ self.open_gradient.T * weight[:, self.joint[self.unknown]])
         marginal = np.sum(push + np.log1p(np.exp(-2.0 * push)), axis=1)
-        quadratic = 0.5 * (self.curvature(beta) + self.energy) - beta @ self.settled.T
+        quadratic = 0.5 * (self.curvature(beta) + self.energy) - beta @ self.fixed_gradient.T
         return marginal - log_scale @ self.count - np.sum(weight * quadratic, axis=1)
 
     def pointwise(self, theta: Array, log_scale: Array) -> Array:
@@ -102,18 +104,18 @@ class Likelihood:
 
     def residual(self, beta: Array, signs: Array) -> Array:
         """(W, n) sum of squared residuals of each joint for coefficients (W, r) and unknown signs (W, w)."""
-        agreement = (signs * (beta @ self.open_gradient.T)) @ self.members + beta @ self.settled.T
+        agreement = (signs * (beta @ self.open_gradient.T)) @ self.members + beta @ self.fixed_gradient.T
         squares: Array = self.curvature(beta) - 2.0 * agreement + self.energy
         return np.maximum(squares, 1e-12 * self.energy)  # limit for rounding
 
     def conditional_gradient(self, beta: Array, log_scale: Array, signs: Array) -> Array:
         """(W, r) gradient of log L by beta (W, r) for given unknown signs (W, w)."""
         weight = np.exp(-2.0 * log_scale)
-        of_fixed = np.einsum("wj,wjr->wr", weight, self.settled - self.apply(beta))
+        of_fixed = np.einsum("wj,wjr->wr", weight, self.fixed_gradient - self.apply(beta))
         return of_fixed + (signs * weight[:, self.joint[self.unknown]]) @ self.open_gradient
 
     def push(self, theta: Array, log_scale: Array) -> Array:
-        """(W, S) w g_k' beta: half the log odds of sign +."""
+        """(W, S) w g_k' beta, half the log odds of sign +."""
         return theta @ self.projection.T @ self.gradient.T * np.exp(-2.0 * log_scale)[:, self.joint]
 
     def plus_probability(self, theta: Array, log_scale: Array) -> Array:
@@ -178,7 +180,7 @@ class SegmentBlocks:
 
     @property
     def of_segments(self) -> NormalEquations:
-        """Normal equations of the segments."""
+        """Normal equations of the S segments."""
         return self.whole(np.ones(int(self.segment.max(initial=-1)) + 1, dtype=bool)).normal_equations
 
     def whole(self, chosen: Mask) -> SegmentBlocks:
@@ -194,7 +196,7 @@ class SegmentBlocks:
 def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Integers]:
     """Segments cut into blocks of similar length, with unknown signs, and the segment of each block.
 
-    The length follows from the integrated autocorrelation time (n,) of each joint's residual, samples.
+    The length is a multiple of the integrated autocorrelation time (n,) of each joint's residual, samples.
     """
     size = np.maximum(segments.end - segments.start, 0)
     least = np.maximum(
@@ -210,10 +212,10 @@ def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Intege
 
 
 def agreed_signs(likelihood: Likelihood, theta: Array, log_scale: Array) -> Integers:
-    """(S,) sign of each segment on which all draws (W, P) and (W, n) agree; 0 without agreement."""
+    """(S,) sign of each segment under all draws theta (W, P), log_scale (W, n); 0 if the draws do not agree."""
     least, most = np.full((2, len(likelihood.joint)), [[np.inf], [-np.inf]])
-    for some in _stretches(len(theta), len(likelihood.joint)):
-        push = likelihood.push(theta[some], log_scale[some])
+    for rows in _stretches(len(theta), len(likelihood.joint)):
+        push = likelihood.push(theta[rows], log_scale[rows])
         least, most = np.minimum(least, push.min(axis=0)), np.maximum(most, push.max(axis=0))
     needed = -0.5 * np.log(np.expm1(TUNING.agreed))  # log(1 + exp(-2 push)) is the other sign's contribution
     agreed = np.where(least >= needed, 1, np.where(most <= -needed, -1, 0))
@@ -225,7 +227,7 @@ def by_blocks(
 ) -> tuple[SegmentBlocks, Likelihood]:
     """Blocks whose likelihoods multiply to that of the log, and the likelihood in terms of these blocks.
 
-    Draws (W, P) of the parameters and (W, n) of the log noise scales decide which segments are merged.
+    Blocks of a segment are merged if the draws theta (W, P) and log_scale (W, n) do not agree on its sign.
     """
     agreed = agreed_signs(likelihood, theta, log_scale)
     blocks = blocks.whole(agreed == 0)
@@ -241,12 +243,12 @@ def pointwise(likelihood: Likelihood, normal_equations: NormalEquations, theta: 
 
     For a block k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u), in units of sigma^2 tau:
 
-        -(N_k / tau) (u + log(2 pi sigma^2) / 2) - w (beta' H_k beta + c_k) / 2 + log(cosh(w g_k' beta)),
+        -(N_k / tau) (u + log(2 pi sigma^2) / 2) - w (beta' H_k beta + c_k) / 2 + log(cosh(w g_k' beta)).
 
-    the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term with a
-    fixed sign. A part shared by several blocks has the sum of theirs. The sum over all parts is
-    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2). The normal
-    equations of the blocks are not scaled; parameters are (W, P), log noise scales (W, n).
+    This is the log of the mean over both signs of the normal density to the power 1 / tau. With a fixed sign the last
+    term is s_k w g_k' beta. Blocks that share a part are added. The sum over all parts is `likelihood.log_likelihood`
+    minus log 2 for each unknown sign, minus sum_j (n_j / 2) log(2 pi sigma_j^2). The blocks' normal equations are not
+    scaled; parameters are (W, P), log noise scales (W, n).
     """
     autocorrelation = autocorrelation_times(likelihood, normal_equations)
     scaled = normal_equations.scaled(likelihood.sigma * np.sqrt(autocorrelation))
@@ -259,12 +261,12 @@ def pointwise(likelihood: Likelihood, normal_equations: NormalEquations, theta: 
         (len(normal_equations), size),
     )
     terms = np.empty((len(theta), size))
-    for some in _stretches(len(theta), size * scaled.hessian.size + len(normal_equations)):
-        beta, scale = theta[some] @ likelihood.projection.T, log_scale[some]
+    for rows in _stretches(len(theta), size * scaled.hessian.size + len(normal_equations)):
+        beta, scale = theta[rows] @ likelihood.projection.T, log_scale[rows]
         curvature = scaled.hessian.forms(beta)
-        signs = likelihood.pointwise(theta[some], scale) - np.log(2.0) * (likelihood.fixed == 0)
+        signs = likelihood.pointwise(theta[rows], scale) - np.log(2.0) * (likelihood.fixed == 0)
         quadratic = 0.5 * np.exp(-2.0 * scale[:, joint]) * (curvature + energy)
-        terms[some] = signs @ members - quadratic - count * (scale[:, joint] + normal)
+        terms[rows] = signs @ members - quadratic - count * (scale[:, joint] + normal)
     return terms
 
 

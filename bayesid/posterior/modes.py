@@ -1,24 +1,24 @@
-"""The modes of the posterior: start points of the walkers, which cannot move between modes; and the draws of each.
+"""The modes of the posterior: their start points, their draws and their masses.
 
-All unknown signs are summed out, so a walker moves between neighbouring assignments. It does not cross the valley
-between very different assignments, above all between the two sides of a joint's near-symmetry: all its signs flipped,
-and the other parameters adapted. Start points are the assignments that the search could not exclude, and the best one
-with each joint flipped. Information of an earlier log acts on all of them, and may exclude one side.
+All unknown signs are summed out, so a walker moves between similar assignments. It does not cross the valley between
+very different ones, mostly an assignment and the same with all signs of a joint flipped. So each mode is sampled by
+itself. Start points are the assignments that the search could not exclude, and the best one with each joint flipped.
+Information of an earlier log acts on all of them, and may exclude some.
 
-The mass of a mode is its marginal likelihood: prior times likelihood, integrated over the region:
+The mass of a mode is its marginal likelihood: prior times likelihood, integrated over the region. Steps:
 
-1. A normal distribution fits the region: N(centre, inverse Hessian of the quadratic function with a barrier). Its mass
-   inside the region comes by splitting (Kahn and Harris 1951; Au and Beck 2001). The region is widened until it holds
-   all draws, then narrowed so that a share of the walkers survives each level; the product of the shares is the mass.
-   The walkers follow by hit-and-run.
-2. Restricted to the region, it changes in a few steps to the normal distribution of theta given noise scales and all
-   signs, exp(-theta' A theta / 2 + b' theta). Bridge sampling (Meng and Wong 1996) gives the ratios of the integrals,
-   and so the mass of that distribution inside the region, even if it is 1e-30.
-3. This distribution, with noise scales drawn given theta, is q. A last bridge between q and the posterior's own draws
-   accounts exactly for sums over signs and integrals over noise scales.
+1. The first normal distribution has its mean at the region's centre, and as covariance the inverse Hessian of the log
+   density with a barrier. Its mass inside the region is found by splitting (Kahn and Harris 1951; Au and Beck 2001):
+   the region is widened until it includes all walkers, then narrowed level by level so that a fixed share of the
+   walkers is inside. The mass is the product of the shares. Hit-and-run moves the walkers at each level.
+2. Inside the region, this distribution is changed in a few steps to the normal distribution of theta given noise scales
+   and all signs, exp(-theta' A theta / 2 + b' theta). Bridge sampling (Meng and Wong 1996) gives the ratios of the
+   integrals, and so the mass of the second distribution inside the region, even if it is 1e-30.
+3. A last bridge leads from the second distribution, with noise scales drawn given theta, to the draws of the posterior.
+   So sums over signs and integrals over noise scales are exact.
 
 Every step uses several groups of walkers, which share only the levels; their spread gives the standard error. The
-prior's normalisation is left out, as it is common to all modes.
+prior's normalisation is omitted, as it is common to all modes.
 """
 
 from __future__ import annotations
@@ -84,13 +84,13 @@ class Normal:
         return value
 
     def on(self, plane: Plane) -> tuple[Normal, float]:
-        """The density of y in a plane, and the log of the factor left out."""
+        """The density of the coordinates y of a plane, and the log of its constant factor."""
         origin, basis = plane.origin, plane.basis
         pull = self.linear - self.precision @ origin
         return Normal(basis.T @ self.precision @ basis, pull @ basis), float(0.5 * (self.linear + pull) @ origin)
 
     def toward(self, other: Normal, share: float) -> Normal:
-        """The geometric mean with another normal distribution, which has the weight `share`."""
+        """The geometric mean with another normal distribution of weight `share`."""
         return Normal(
             (1.0 - share) * self.precision + share * other.precision, (1.0 - share) * self.linear + share * other.linear
         )
@@ -117,7 +117,7 @@ def integrate(
     """The mass of a mode from its draws, by at least 2 groups of walkers.
 
     Raises:
-        SolverError: the splitting did not end.
+        SolverError: the splitting did not converge.
     """
     random = RandomState(seed)
     centre, scale = target.split(draws.coordinates.mean(axis=0))
@@ -163,7 +163,7 @@ def truncate(
     The mass inside may be tiny; `inner` (P,) lies strictly inside. The integral is over the region's plane.
 
     Raises:
-        SolverError: the splitting did not end.
+        SolverError: the splitting did not converge.
     """
     plane, (flat, factor) = region.plane, normal.on(region.plane)
     y, log_mass = _truncate(region.flat, flat, plane.coordinates(inner), random, groups, walkers)
@@ -194,8 +194,8 @@ def _truncate(
 def truncate_by_splitting(
     region: FeasibleSet, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
 ) -> tuple[Array, Array]:
-    """The same by splitting only, whose work grows with the log of the share; `inner` should lie deep inside."""
-    most_levels = 2000  # each keeps a share of 0.3: masses down to 1e-1000
+    """The same by splitting only; its work grows with -log(mass inside); `inner` should lie deep inside."""
+    most_levels = 2000  # each keeps a share of 0.3, so masses down to 1e-1000
     theta = normal.draw(groups * walkers, random)
     log_share = np.zeros(groups)
     for _ in range(most_levels):
@@ -215,7 +215,7 @@ def truncate_by_splitting(
 
 
 def _resample(stays: Mask, random: RandomState) -> Integers:
-    """(G W,) indices of walkers: the survivors of each group, each about equally often."""
+    """(G W,) indices of walkers: those of each group that stay, each about equally often."""
     groups, walkers = stays.shape
     chosen = []
     for g in range(groups):
@@ -228,7 +228,7 @@ def _resample(stays: Mask, random: RandomState) -> Integers:
 def bridge(of_target: Array, of_other: Array) -> float:
     """Log of the ratio of two integrals, target over other: Meng and Wong's optimal bridge, as Bennett's equation.
 
-    The arguments are log(target / other) at (M,) draws of the target, and at (N,) of the other.
+    The arguments are log(target / other) at (M,) draws of the target, and at (N,) draws of the other.
     """
     shift = np.log(len(of_target) / len(of_other))
 
@@ -238,15 +238,12 @@ def bridge(of_target: Array, of_other: Array) -> float:
         return float(up - down)  # falls from N to -M
 
     values = np.concatenate([of_target, of_other])
-    low, high = (
-        float(values.min()) - 50.0,
-        float(values.max()) + 50.0,
-    )  # 50 exceeds the log of any ratio of draw numbers
+    low, high = float(values.min()) - 50.0, float(values.max()) + 50.0  # 50 exceeds the log of any ratio of N and M
     return float(scipy.optimize.brentq(excess, low, high, xtol=1e-10))
 
 
 class Mode(NamedTuple):
-    """A start point of the walkers."""
+    """The start point of a mode's walkers."""
 
     theta: Array  #: (P,) centre, strictly inside the region
     signs: Integers  #: (S,) signs of the start point
@@ -256,10 +253,10 @@ class Mode(NamedTuple):
 def find_modes(
     target: Target, normal_equations: NormalEquations, solver: ConeLeastSquares, search: SearchResult
 ) -> tuple[Mode, ...]:
-    """The modes with enough density, the densest first.
+    """The modes with enough density at their centre, the densest first.
 
-    The normal equations are in units of the target's reference noise; the solver is for their sum with the target's
-    information.
+    The normal equations are in units of the target's reference noise. The solver is prepared for their sum with the
+    information of an earlier log.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -282,8 +279,8 @@ def starting_points(
 ) -> list[tuple[Integers, Array]]:
     """Signs and best parameters of the search's branches, and of its best assignment with each joint flipped.
 
-    Starts whose lower bound is far above the best cost are dropped. The bound is used instead of the cost, which with
-    little noise is a small difference of large numbers.
+    Starts with a lower bound far above the best cost are dropped. The bound allows for rounding errors of the cost,
+    which with little noise is a small difference of large numbers.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -293,8 +290,8 @@ def starting_points(
     def gradient(signs: Integers) -> Array:
         return signs @ normal_equations.gradient + of_information
 
-    def settled(signs: Integers) -> Integers:
-        """Signs and parameters, alternated a few times."""
+    def alternated(signs: Integers) -> Integers:
+        """Signs after a few alternations of parameters and signs."""
         for _ in range(TUNING.sign_rounds):
             theta = prepared.solve(gradient(signs)).theta
             before, signs = signs, predicted_signs(normal_equations, prepared.project(theta))
@@ -304,10 +301,10 @@ def starting_points(
 
     starts = [branch.signs for branch in search.branches[: TUNING.most_branches]] or [search.signs]
     for joint in np.unique(normal_equations.joint[normal_equations.known == 0]):
-        starts.append(settled(with_flipped(normal_equations, search.signs, joint)))
+        starts.append(alternated(with_flipped(normal_equations, search.signs, joint)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
     fits = [(signs, prepared.solve_precisely(gradient(signs))) for signs in distinct]
-    most = min(fit.cost for _, fit in fits) + 2.0 * TUNING.hopeless
+    most = min(fit.cost for _, fit in fits) + 2.0 * TUNING.start_depth
     return [(signs, fit.theta) for signs, fit in fits if fit.lower_bound <= most]
 
 
@@ -318,7 +315,7 @@ def _mode(target: Target, signs: Integers, theta: Array) -> Mode:
 
 
 def _valley(target: Target, mode: Mode, other: Mode) -> float:
-    """Nats by which the density falls on the straight line between two modes, below the lower one.
+    """Depth of the density's minimum on the straight line between two modes, nats below the lower mode.
 
     The region is convex, so the line lies inside.
     """
@@ -344,8 +341,8 @@ def sample_modes(
 ) -> tuple[SampledMode, ...]:
     """The modes with draws and, if there are several, with weights, heaviest first.
 
-    The remaining budget is divided equally among the remaining modes, for draws and mass. The time limit of `sampling`
-    counts from `began`, on the clock of `time.perf_counter`.
+    Budget and time that remain are divided equally among the remaining modes, for draws and mass. The time limit of
+    `sampling` counts from `began`, on the clock of `time.perf_counter`.
 
     Raises:
         SolverError: the mass of a mode could not be computed.
@@ -374,9 +371,9 @@ def sample_modes(
 
 
 def pool(modes: tuple[SampledMode, ...]) -> Draws:
-    """All modes' draws in one array: those of the heaviest mode first, in proportion to the weights.
+    """All modes' draws in one array, in proportion to the weights; those of the heaviest mode first.
 
-    The sweep between two modes differs by one between walkers, so that shares are finer than a sweep.
+    Some walkers change to the next mode one sweep earlier than others, so that shares are finer than a sweep.
     """
     if len(modes) == 1:
         return modes[0].draws
@@ -414,9 +411,8 @@ def _places(heavy: Sequence[SampledMode]) -> tuple[Integers, ...]:
     ensembles, walkers = heavy[0].draws.log_density.shape[1:]
     late = (np.arange(ensembles * walkers).reshape(walkers, ensembles).T + 0.5) / (ensembles * walkers)
     shares = np.cumsum(np.append(0.0, weight / weight.sum()))
-    bounds = np.floor(total * shares[:, None, None] + late).astype(
-        int
-    )  # first and last sweep of each mode, for each walker
+    # first and last sweep of each mode, for each walker
+    bounds = np.floor(total * shares[:, None, None] + late).astype(int)
     bounds[-1] = total
     sweep = np.arange(total)[:, None, None]
     mode = np.sum(sweep >= bounds[1:-1, None], axis=0)

@@ -15,8 +15,8 @@ class Tuning:
 
     # prior
     log_scale_sd: float = 0.5
-    """Prior sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Chosen by
-    hand; a log determines it to 1 / sqrt(2 n_j)."""
+    """Prior sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Chosen; it
+    hardly matters, as a log determines this logarithm to 1 / sqrt(2 n_j)."""
     least_noise: float = 1e-3
     """Least noise of an effort, over its RMS."""
     link_reach: float = 0.25
@@ -32,9 +32,9 @@ class Tuning:
     """Largest number of sampled modes; each takes its share of the budget."""
     mode_depth: float = 10.0
     """Nats below the best mode's centre under which a mode is dropped: exp(-10) is 5e-5."""
-    hopeless: float = 50.0
-    """Nats below the best start's fit under which a start is dropped: five times `mode_depth`, as centres inside the
-    region may differ less."""
+    start_depth: float = 50.0
+    """Nats below the best start's fit under which a start is dropped: five times `mode_depth`, as the densities at
+    centres inside the region may differ less than those of the fits."""
     valley: float = 3.0
     """Least depth of a valley between two modes, nats; walkers cross one of exp(-3) = 5 % of the density."""
     valley_steps: int = 12
@@ -59,13 +59,13 @@ class Tuning:
     """Least share of all sweeps, warm-up included, that is dropped: half of that of Gelman and Rubin (1992), whose
     chains have no separate warm-up. R-hat still compares early with late sweeps."""
     growth: float = 1.5
-    """Factor between checks of the diagnostics; at most a third of a run is more than needed."""
+    """Factor on the number of sweeps between checks of the diagnostics; at most a third of a run is not needed."""
     sweeps_at_once: int = 8
     """Sweeps between checks of the clock and reports of progress."""
     idle: float = 0.05
-    """Share of the walkers that may stay on a line; the last ones need as many tries as all others."""
+    """Share of the walkers that may stay where they are on a line; the last ones need as many tries as all others."""
     most_tries: int = 200
-    """Tries after which a bracket counts as a point and the walker stays."""
+    """Tries after which a bracket counts as a point and the walker stays where it is."""
     line_seconds: float = 2e-4
     """Nominal seconds of a line."""
     entry_seconds: float = 1.5e-9
@@ -94,9 +94,10 @@ class Tuning:
     wider_sweeps: int = 24
     """Kept sweeps of the wider likelihood; equal to those before the first check."""
     from_zero: float = 1.02
-    """Length of an interval from zero over the shortest one below which it is used; the shortest one is uncertain."""
+    """Largest length of an interval from zero, over that of the shortest interval, with which it is preferred; the
+    Monte Carlo error of the lengths is of this size."""
     near_edge: float = 0.9
-    """Share of a window above which a draw is near its edge: the last tenth."""
+    """Share of a window's range above which a draw is near its edge: the last tenth."""
     active_bounds: float = 0.2
     """Share of such draws above which a window is active. A density proportional to the share has 1 - 0.9^2 = 0.19; on
     the logs of study `real` it is at most 0.09."""
@@ -116,8 +117,8 @@ class Tuning:
     """Largest number of blocks of a joint, short segments apart. Each block then has a few per cent of the log's
     information, and posterior.nc stays small."""
     agreed: float = 1e-3
-    """Largest likelihood share of the other sign, nats, with which a draw counts as agreeing; ArviZ's summaries have
-    two digits."""
+    """Largest contribution of the other sign to a segment's log-likelihood, nats, for a draw to determine the sign;
+    ArviZ's summaries have two digits."""
 
     # mass of a mode
     mass_groups: int = 8
@@ -125,7 +126,7 @@ class Tuning:
     mass_walkers: int = 64
     """Walkers in each group."""
     mass_share: float = 0.3
-    """Share of these walkers that survives a level of the splitting."""
+    """Share of these walkers that remains at each level of the splitting."""
     level_sweeps: int = 3
     """Sweeps of hit-and-run at each level."""
     mass_steps: int = 3

@@ -134,7 +134,7 @@ def whiteness(findings: ReportData) -> Check:
         f"up to {percent(lasting.max(), 0)} of the residual variance is correlated in time (joint {joint + 1}): "
         f"{effective:,.0f} effective samples for {count} coefficients; the intervals account for it"
     )
-    limits = float(IDENTIFICATION.samples_a_coefficient * count), float(count)
+    limits = float(IDENTIFICATION.samples_per_coefficient * count), float(count)
     remedy = "the log is too short for reliable intervals: record a longer one, or join several"
     return graded("Whiteness of the residual", effective, limits, message, remedy)
 

@@ -35,7 +35,7 @@ def save(result: object, folder: str | Path, **options: Any) -> Path:
         The folder.
 
     Raises:
-        InputError: this is no result, or the folder cannot be written or holds other files than an earlier result.
+        InputError: this is not a result, or the folder cannot be written or holds other files than an earlier result.
         KeyboardInterrupt: its text says whether the result is already written.
 
     Warns:
@@ -54,7 +54,7 @@ def save(result: object, folder: str | Path, **options: Any) -> Path:
         >>> sorted(path.name for path in bayesid.save(design, "design").iterdir())
         ['design.json', 'excitation.svg', 'trajectory.csv']
     """
-    raise InputError(f"{type(result).__name__} is no result", field="result", remedy="give a result of bayesid")
+    raise InputError(f"{type(result).__name__} is not a result", field="result", remedy="give a result of bayesid")
 
 
 save.register(Identification, save_identification)

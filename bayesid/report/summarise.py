@@ -224,7 +224,7 @@ def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummar
     return ModeSummary(
         weight=posterior.modes[number].weight,
         log_evidence_se=getattr(posterior.modes[number].marginal_likelihood, "standard_error", None),
-        turned_joints=posterior.turned_joints(number),
+        turned_joints=posterior.flipped_joints(number),
         coefficients={names[k]: float(own[:, k].mean()) for k in most},
     )
 

@@ -495,7 +495,7 @@ def make_log_density(problem: Problem, coordinates: Coordinates) -> Callable[[An
         push = jnp.abs(likelihood.open_gradient @ beta * weight[joint])
         marginal = jnp.sum(push + jnp.log1p(jnp.exp(-2.0 * push)))
         squares = (hessian @ beta).reshape(n, r) @ beta + likelihood.energy
-        data = marginal - likelihood.count @ log_scale - weight @ (0.5 * squares - likelihood.settled @ beta)
+        data = marginal - likelihood.count @ log_scale - weight @ (0.5 * squares - likelihood.fixed_gradient @ beta)
         square = jnp.sum(((theta - prior.mean) / prior.sd) ** 2) + jnp.sum((log_scale / prior.log_scale_sd) ** 2)
         inside = jnp.all(rows @ theta + offset > 0.0)
         return jnp.where(inside, data - 0.5 * square + volume, -jnp.inf)

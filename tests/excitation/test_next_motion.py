@@ -243,7 +243,7 @@ def test_requests_that_cannot_be_met_are_refused(result):
         assert_refused(
             lambda run=run, more=options: design_next(result, settings=replace(RUN, **run), **more), where, *words
         )
-    with pytest.raises(InputError, match=r"'result' is no result.*bayesid.load"):
+    with pytest.raises(InputError, match=r"'result' is not a result.*bayesid.load"):
         design_next("result")
 
 

@@ -97,7 +97,7 @@ def posterior_with(
         max_rhat=1.0512,
         min_ess=73.4,
         modes=[SimpleNamespace(weight=weight) for weight in weights],
-        turned_joints=lambda mode: ((), (2, 3), ())[mode],
+        flipped_joints=lambda mode: ((), (2, 3), ())[mode],
         chosen=chosen,
         sampling=SimpleNamespace(mode=asked, max_rhat=1.01, wanted_ess=1024.0),
         active_bounds=active_bounds,

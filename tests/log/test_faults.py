@@ -180,4 +180,4 @@ def test_signs_elsewhere_stay_right_where_a_joint_stands_still():
     effort = arm.model.effort(motion, arm.theta)[:, :2]
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
     assert ((result.probability[:, :2] >= 0.5) == (effort > 0.0))[strong].mean() > 0.995
-    assert result.warnings[0].startswith("joint 3 stands still in the whole log, 0.000 to 8.000 s; ")
+    assert result.warnings[0].startswith("joint 3 does not move in the whole log, 0.000 to 8.000 s; ")

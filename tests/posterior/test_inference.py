@@ -153,9 +153,9 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them():
     np.testing.assert_allclose(posterior.parameter_sd**2, np.mean(about_theta**2, axis=(0, 1, 2)), rtol=1e-9)
     about_beta = (posterior.draws.beta - first.draws.beta.mean(axis=(0, 1, 2))).reshape(-1, 2)
     np.testing.assert_allclose(posterior.covariance, about_beta.T @ about_beta / len(about_beta), rtol=2e-3)
-    assert posterior.turned_joints(0) == ()
-    assert posterior.turned_joints(1) == (1,)
-    assert posterior.turned_joints(0, -first.mode.signs) == (1,)
+    assert posterior.flipped_joints(0) == ()
+    assert posterior.flipped_joints(1) == (1,)
+    assert posterior.flipped_joints(0, -first.mode.signs) == (1,)
     of_draws = posterior.mode_of_draws
     np.testing.assert_array_equal(np.sign(pooled[..., 0]) == np.sign(first.mode.theta[0]), of_draws == 0)
     assert np.mean(of_draws) == pytest.approx(second.weight, abs=2.0 / of_draws.size)

@@ -20,7 +20,7 @@ def test_information_does_not_depend_on_the_noise_scale(rng):
     target = replace(target, information=information_of(columns, effort))
     data, weight = target.likelihood, np.exp(-2.0 * log_scale)
     precision = np.tensordot(weight, data.hessian, 1) + target.information.hessian + np.eye(3) / 0.8**2
-    mean = np.linalg.solve(precision, weight @ data.settled + target.information.gradient)
+    mean = np.linalg.solve(precision, weight @ data.fixed_gradient + target.information.gradient)
     covariance = temperature * np.linalg.inv(precision)
     move = HitAndRun(target, Rotated(np.linalg.cholesky(covariance)), temperature)
     start = np.concatenate([np.zeros((200, 3)), np.tile(log_scale, (200, 1))], axis=1)

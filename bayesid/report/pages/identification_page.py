@@ -270,7 +270,7 @@ def _posterior(findings: ReportData) -> list[Markup]:
     pictures = [html.picture(figure(findings, count), name, caption) for figure, name, count, caption in drawn]
     note = (
         f"{posterior.draws} draws of {posterior.ensembles} ensembles of {posterior.walkers} walkers; "
-        f"{convergence(posterior.max_rhat, posterior.min_ess)}, at worst. Shown: the least determined coefficients, "
+        f"{convergence(posterior.max_rhat, posterior.min_ess)}. Shown: the least determined coefficients, "
         "minus their mean, over the prior's standard deviation."
     )
     return [html.paragraph(note, note=True), html.figures(pictures)]
