@@ -42,10 +42,10 @@ class Trial:
 
     signals: Signals  #: N samples
     actuators: Motion  #: the motion in actuator coordinates
-    #: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is smoothed,
-    #: the smoothing would look like an effect of its own
+    #: (N, n) samples that count: measured, away from both ends, and clearly in motion, as the smoothing of dry friction
+    #: at low speed would look like an effect
     used: Mask
-    whole: Trial | None = None  #: the trial that it is shortened from, where it is
+    whole: Trial | None = None  #: the whole trial, if this one is shortened
 
     @property
     def magnitude(self) -> Array:
@@ -53,7 +53,7 @@ class Trial:
         return self.signals.magnitude
 
     def nearest(self, predicted: Array) -> Array:
-        """(N, n) efforts, N m, with the sign of the prediction where they have none of their own."""
+        """(N, n) efforts, N m, unsigned ones with the sign of the prediction."""
         return self.signals.nearest(predicted)
 
     def probability(self, predicted: Array) -> Array:
@@ -62,15 +62,15 @@ class Trial:
         return sign_probabilities(self.signals, predicted, self.used, noise)
 
     def residual(self, predicted: Array) -> Array:
-        """(N, n) what a prediction leaves of the efforts, N m, unknown signs as predicted; zero where not used."""
+        """(N, n) efforts minus prediction, N m, unknown signs as predicted; zero where not used."""
         return np.where(self.used, self.nearest(predicted) - predicted, 0.0)
 
     def rms(self, values: Array) -> Array:
-        """(n,) of values (N, n) over the used samples."""
+        """(n,) RMS of values (N, n) over the used samples."""
         return np.sqrt((values**2 * self.used).sum(axis=0) / np.maximum(self.used.sum(axis=0), 1))
 
     def gap(self, predicted: Array) -> Array:
-        """(n,) RMS of what a prediction leaves of the efforts, N m; unknown signs as predicted (:eq:`gap`)."""
+        """(n,) RMS residual of a prediction, N m; unknown signs as predicted (:eq:`gap`)."""
         return self.rms(self.residual(predicted))
 
     @cached_property
@@ -81,8 +81,8 @@ class Trial:
         q, count = self.signals.motion.q, len(self.signals.motion)
         tolerance = np.maximum(TUNING.repeated * np.ptp(q, axis=0), TUNING.repeated_still)
         shortest = int(TUNING.shortest_period * self.signals.rate)
-        probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < TUNING.probed * tolerance
-        for lag in (np.flatnonzero(probe.all(axis=1)) + shortest).tolist():
+        near = np.abs(q[shortest : count // 2 + 1] - q[0]) < TUNING.first_sample * tolerance
+        for lag in (np.flatnonzero(near.all(axis=1)) + shortest).tolist():
             if np.all(np.abs(q[lag:] - q[:-lag]).max(axis=0) < tolerance):
                 return np.sqrt(_half_square(self.magnitude, self.used, lag))
         return None
@@ -99,7 +99,7 @@ def make_trial(model: Model, signals: Signals) -> Trial:
 
 
 def shortened(trial: Trial) -> Trial:
-    """The trial; stretches of it if the log is long, as computing time is proportional to its samples."""
+    """The trial, or stretches of a long one, as computing time is proportional to its samples."""
     count = len(trial.used)
     if count <= TUNING.longest:
         return trial
@@ -131,8 +131,8 @@ class NoiseFloor:
     limits: Array  #: (n, 2) largest white and coloured part of noise, N m
     sharp: Mask  #: (n,) whether it includes coloured noise, so that a residual above it is significant
     white: Array  #: (n,) its white part, N m
-    #: (n,) whether it is mostly coloured residual of a model: model error or filtered noise; an effect below it may be
-    #: missed
+    #: (n,) whether it is mostly the coloured residual of a model: model error or filtered noise, which may hide an
+    #: effect
     lasting: Mask
 
     def exceeded(self, gap: Array) -> Mask:
@@ -141,11 +141,15 @@ class NoiseFloor:
 
 
 def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None) -> NoiseFloor:
-    """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
+    """The floor of each joint: from repeated periods, the earlier model's residual, a refit, or fast residuals.
 
-    :eq:`noise-floor` where it is taken from differences. The residual (N, n) is that of the best explanation so far,
-    the earlier noise that of the log that the model was identified from; a refit is the RMS residual (n,) of a model
-    with all standard effects, identified from this log by itself. All in N m.
+    From differences by :eq:`noise-floor`. All in N m.
+
+    Args:
+        trial: the log.
+        residual: (N, n) of the best explanation so far.
+        earlier: noise of the log that the model was identified from.
+        refit: (n,) RMS residual of a model with all standard effects, identified from this log alone.
     """
     repeated = trial.between_periods
     sharp = earlier.sigma < TUNING.good_fit * trial.rms(trial.magnitude)
@@ -157,11 +161,11 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | No
     rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
     blunt = REFIT if refit is not None else FAST_PART if lag == 1 else SMOOTHED
     origin = tuple(MODELS_RESIDUAL if good else blunt for good in sharp)
-    lasting = rms > REGRESSION.above_floor * white  # over the white noise alone it would be a finding itself
+    lasting = rms > REGRESSION.above_floor * white  # significantly above the white noise
     if repeated is not None:
         rms, white = repeated, np.maximum(np.minimum(white, repeated), TUNING.repeated_white * repeated)
         origin, sharp = (REPEATED,) * len(rms), np.ones(len(rms), dtype=bool)
-        lasting = ~sharp  # a model has no part in it
+        lasting = ~sharp  # measured without a model
     white_limit = TUNING.white_limit * np.maximum(white, rms / np.sqrt(2.0))
     coloured_limit = TUNING.coloured_limit * coloured + TUNING.coloured_allowance * white
     limits = np.stack([white_limit, coloured_limit], axis=1)
@@ -177,15 +181,15 @@ def _lag_of_noise(residual: Array, used: Mask, rate: float) -> int:
     lag = 1
     while lag < int(TUNING.longest_lag * rate):
         near, far = _typical_square(residual, used, lag), _typical_square(residual, used, 2 * lag)
-        moved = near > 0.0
-        if not moved.any() or np.median(np.log2(np.maximum(far[moved], 1e-300) / near[moved])) <= TUNING.smooth:
+        nonzero = near > 0.0
+        if not nonzero.any() or np.median(np.log2(np.maximum(far[nonzero], 1e-300) / near[nonzero])) <= TUNING.smooth:
             break
         lag += 1
     return lag
 
 
 def _typical_square(residual: Array, used: Mask, lag: int) -> Array:
-    """(n,) median squared difference of samples so far apart, (N m)^2; 0 where there are none."""
+    """(n,) median squared difference of samples at a lag, (N m)^2; 0 without samples."""
     squares, pairs = (residual[lag:] - residual[:-lag]) ** 2, used[lag:] & used[:-lag]
     return np.array(
         [np.median(square[pair]) if pair.any() else 0.0 for square, pair in zip(squares.T, pairs.T, strict=True)]
@@ -193,18 +197,18 @@ def _typical_square(residual: Array, used: Mask, lag: int) -> Array:
 
 
 def _half_square(residual: Array, used: Mask, lag: int) -> Array:
-    """(n,) half the mean squared difference of samples so far apart, (N m)^2: the variance of white noise."""
+    """(n,) half the mean squared difference of samples at a lag, (N m)^2: the variance of white noise."""
     return repetition_sd(residual[lag:], residual[:-lag], used[lag:] & used[:-lag]) ** 2
 
 
 def repetition_sd(values: Array, again: Array, used: Mask) -> Array:
-    """(n,) sd of values (N, n) by their differences from as many other measurements of the same, over used ones."""
+    """(n,) sd of values (N, n) from their differences to repeated measurements (N, n), over used samples."""
     square = ((values - again) ** 2 * used).sum(axis=0)
     return np.sqrt(0.5 * square / np.maximum(used.sum(axis=0), 1))
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Where
+# The residual above the floor
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Excess:
@@ -212,30 +216,35 @@ class Excess:
 
     joint: int  #: from 1
     excess: float  #: root of the residual's mean square above the floor's, N m (:eq:`excess`)
-    variable: str  #: over which it shows best: velocity, position, acceleration, load or time
-    range: tuple[float, float]  #: of the variable, where most of it lies; rad/s, rad, rad/s^2, N m or s
+    variable: str  #: that explains most of it: velocity, position, acceleration, load or time
+    range: tuple[float, float]  #: of the variable, with most of it; rad/s, rad, rad/s^2, N m or s
 
 
 def where_it_shows(
     trial: Trial, residual: Array, predicted: Array, floor: Array, joints: Sequence[int]
 ) -> list[Excess]:
-    """The variable that orders each (0-based) joint's residual best: whose bins' means explain the most of it.
+    """The variable that explains most of each (0-based) joint's residual, by its means in bins of the variable.
 
-    Of a residual (N, n), zero where not used, a model's effort (N, n) and the noise's RMS (n,), all in N m.
+    Args:
+        trial: the log.
+        residual: (N, n) N m, zero where not used.
+        predicted: (N, n) a model's effort, N m.
+        floor: (n,) noise floor, N m.
+        joints: joints (from 0).
     """
     excesses = []
     for j in joints:
         used = trial.used[:, j]
-        rest = residual[used, j]
-        shares = {name: _binned(value[used], rest) for name, value in variables(trial, predicted, j).items()}
+        of_joint = residual[used, j]
+        shares = {name: _binned(value[used], of_joint) for name, value in variables(trial, predicted, j).items()}
         best = max(shares, key=lambda name: shares[name][0])
-        square = float(np.mean(rest**2)) - floor[j] ** 2
+        square = float(np.mean(of_joint**2)) - floor[j] ** 2
         excesses.append(Excess(j + 1, float(np.sqrt(max(square, 0.0))), best, shares[best][1]))
     return excesses
 
 
 def variables(trial: Trial, predicted: Array, joint: int) -> dict[str, Array]:
-    """(N,) each of what a residual may depend on, of one joint."""
+    """(N,) variables of one joint that its residual may depend on."""
     motion = trial.actuators
     return {
         "velocity": motion.dq[:, joint],
@@ -261,18 +270,18 @@ def _binned(value: Array, residual: Array) -> tuple[float, tuple[float, float]]:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What stays the same
+# Data and options of a comparison
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class HeldBack:
-    """Data that select nothing, but score what was selected."""
+    """Data that score selected effects, and are not used to select them."""
 
     trial: Trial  #: another log, or held-back stretches of the log
-    name: str  #: for people
-    another_log: bool  #: whether it is that
+    name: str  #: in reports
+    another_log: bool  #: whether it is another log
 
     def effort(self, model: Model, extended: Model, theta: Array) -> Array:
-        """(N, n) N m, of an extended model with parameters theta (P,): that of the model's own columns is made once."""
+        """(N, n) of an extended model with parameters theta (P,), N m; the model's own columns are cached."""
         own, motion = len(model.terms), self.trial.signals.motion
         if extended.distortions != model.distortions or extended.terms[:own] != model.terms:
             return extended.effort(motion, theta)
@@ -284,7 +293,7 @@ class HeldBack:
         return extended.read(effort)
 
     def errors(self, residual: Array) -> CrossValidation:
-        """What residuals (N, n), N m, are on blocks of these data."""
+        """Errors in blocks of these data, from residuals (N, n), N m."""
         return CrossValidation(self.by_block(residual**2), self.by_block(self.trial.used.astype(np.float64)))
 
     def by_block(self, values: Array) -> Array:
@@ -295,10 +304,10 @@ class HeldBack:
 
 
 def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None) -> tuple[Trial, HeldBack]:
-    """The data that select, and those that score: another log or, without one, stretches of the log."""
+    """The data for selection, and those for scoring: another log or, without one, stretches of the log."""
     if later is not None:
         other = shortened(make_trial(model, prepare(later, cutoff)))
-        slowest = TUNING.clearly_moving * trial.actuators.standstill_speed  # of friction's form on the log
+        slowest = TUNING.clearly_moving * trial.actuators.standstill_speed  # as on the log, for friction
         other = replace(other, used=other.used & (np.abs(other.actuators.dq) > slowest))
         return trial, HeldBack(other, later.source, another_log=True)
     block = np.minimum(np.arange(len(trial.used)) * TUNING.blocks // len(trial.used), TUNING.blocks - 1)
@@ -313,78 +322,78 @@ def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: floa
 
 @dataclass(frozen=True)
 class Case:
-    """What stays the same while effects are selected."""
+    """Data and options of a selection of effects."""
 
     knowledge: CoefficientPrior  #: of the model's parameters, from an earlier log
     coefficients: BaseCoefficients  #: the model's base coefficients
     noise: Noise  #: of the earlier log's efforts
-    trial: Trial  #: the data that select
-    cross_validation: HeldBack  #: the data that score
-    search: Search  #: how signs are searched
-    thresholds: Thresholds = Thresholds()  #: that decide
-    #: what may be left of the geometry's distance from the table
+    trial: Trial  #: data for selection
+    cross_validation: HeldBack  #: data for scoring
+    search: Search  #: sign search
+    thresholds: Thresholds = Thresholds()  #: of the selection
+    #: remaining errors of the robot's geometry
     tolerance: KinematicTolerance = KinematicTolerance(
-        length=TUNING.left_length, angle=float(np.deg2rad(TUNING.left_angle)), stated=False
+        length=TUNING.remaining_length, angle=float(np.deg2rad(TUNING.remaining_angle)), stated=False
     )
 
     @property
     def model(self) -> Model:
-        """As it was."""
+        """The earlier model."""
         return self.knowledge.model
 
     @property
     def needed(self) -> float:
-        """Nats by which an effect must be likelier than none to be added."""
+        """Log evidence that an effect must add, nats."""
         return self.thresholds.log10_bayes_factor * LN10
 
     @cached_property
     def modelled(self) -> ModelledLog:
-        """The model on the data that select."""
+        """The model on the data for selection."""
         signals = self.trial.signals
         log = signals.motion, self.trial.magnitude, self.trial.used, signals.rate
         return ModelledLog(self.knowledge, self.coefficients, *log)
 
     @cached_property
     def uncertain(self) -> Columns:
-        """What the model may be wrong by in any case: its geometry. An effect must explain more than that can.
+        """Columns of possible geometry errors; an effect must explain more than these.
 
-        But for the place of the first joint: how the base stands is an effect by itself, `base_tilt`. A table that is
-        much further off since the earlier log is one too, such as `link_length`.
+        The placement of the first joint is left out: an error of it is the effect `base_tilt`. Larger errors since the
+        earlier log are effects too, such as `link_length`.
         """
         return self.modelled.geometry(self.tolerance, known=True)
 
     @cached_property
     def before(self) -> Array:
-        """(N, n) the model's efforts, N m."""
+        """(N, n) efforts of the earlier model, N m."""
         return self.model.effort(self.trial.signals.motion, self.knowledge.theta)
 
     def data(self, predicted: Array, probability: Array | None = None) -> Observations:
-        """The log with its signs settled under a prediction (N, n), N m, unless their probabilities are given."""
+        """The log with signs estimated under a prediction (N, n), N m, or with given probabilities."""
         probability = self.trial.probability(predicted) if probability is None else probability
         expected, floor = (2.0 * probability - 1.0) * self.trial.magnitude, self.floor(predicted)
         return self.modelled.observed(
             expected, floor=floor.rms, sharp=floor.sharp, limits=floor.limits, thresholds=self.thresholds
         )
 
-    def settled(self, fitted_effects: FittedEffects) -> Observations:
-        """The log with its signs settled under an explanation."""
+    def data_under(self, fitted_effects: FittedEffects) -> Observations:
+        """The log with signs estimated under fitted effects."""
         return self.data(self.modelled.effort(fitted_effects))
 
     def floor(self, predicted: Array) -> NoiseFloor:
-        """The noise floor, as far as this prediction shows it."""
+        """The noise floor under a prediction (N, n), N m."""
         refit = None if self.standard_refit is None else self.standard_refit.fit.residual.sigma
         return noise_floor(self.trial, self.trial.residual(predicted), self.noise, refit)
 
     def unexplained(self, fitted_effects: FittedEffects, predicted: Array) -> dict[int, float]:
-        """Joints (from 1) whose residual is surely above the floor on the log under a prediction, with their ratio."""
+        """Joints (from 1) with a residual significantly above the floor under a prediction, and their ratio."""
         floor, gap = self.floor(predicted), self.trial.gap(predicted)
-        sure = fitted_effects.free_evidence - fitted_effects.noise_evidence > self.needed
-        above = np.flatnonzero(sure & floor.exceeded(gap)).tolist()
+        significant = fitted_effects.free_evidence - fitted_effects.noise_evidence > self.needed
+        above = np.flatnonzero(significant & floor.exceeded(gap)).tolist()
         return {j + 1: float(gap[j] / floor.rms[j]) for j in above}
 
     @cached_property
     def standard_refit(self) -> SignSolution | None:
-        """The log by itself under all standard effects, where the model lacks some and was poor in its own log."""
+        """Signs and fit of the log alone with all standard effects; None if the model has them or its fit was good."""
         signals = self.trial.signals
         model = with_standard_terms(self.model.before_sensors, signals)
         floor = noise_floor(self.trial, self.trial.residual(self.before), self.noise)
@@ -394,7 +403,7 @@ class Case:
         return find_signs(model, signals, segments, self.search)
 
     def refitted(self, extension: Extension, predicted: Array) -> Extension:
-        """The extended model with feasible parameters, from the samples that select and what was known before."""
+        """The extended model with feasible parameters, from the data for selection and the earlier knowledge."""
         model, knowledge = extension.model.before_sensors, extension.knowledge
         coefficients = knowledge.coefficients(model)
         signals = restored(extension.model, self.trial.signals)

@@ -22,12 +22,12 @@ from bayesid.discrepancy.timeline import (
     ABSENT,
     OPEN,
     SHOWN,
-    Standing,
+    LogEvidence,
     Timeline,
     key_of,
+    log_evidence,
     make_timeline,
     shown_by,
-    standing,
 )
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.workflow import Discrepancy, explain_log
@@ -54,8 +54,8 @@ from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 
-CHANGED, ALL_ALONG, GONE, UNDECIDED = "changed", "preexisting", "gone", "undecided"
-"""History of an effect: new or of another size since the first log; present in all logs but missing from the terms;
+CHANGED, PREEXISTING, GONE, UNDECIDED = "changed", "preexisting", "gone", "undecided"
+"""Status of an effect: new or of another size since the first log; present in all logs but missing from the terms;
 shown by the first log and excluded by the last decisive one; or not decided by the other logs."""
 
 
@@ -64,16 +64,16 @@ class EffectHistory:
     """An effect that is not among the given terms, over K logs."""
 
     effect: Effect  #: term or distortion, with the numbers of the first log that shows it
-    became: str  #: `CHANGED`, `ALL_ALONG`, `GONE` or `UNDECIDED`
+    status: str  #: `CHANGED`, `PREEXISTING`, `GONE` or `UNDECIDED`
     #: (K,) evidence of each log alone; empty if only a comparison can show the effect (a changed parameter, a payload,
     #: a gain)
-    by_log: tuple[Standing, ...]
+    by_log: tuple[LogEvidence, ...]
     #: index of a log to the effect found by comparing it with the first log
     found: Mapping[int, AddedEffect]
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
-        return f"EffectHistory {self.name}, {where}: {self.became.replace('_', ' ')}"
+        return f"EffectHistory {self.name}, {where}: {self.status}"
 
     @property
     def name(self) -> str:
@@ -118,8 +118,8 @@ class ChangeReport:
     seconds: float
 
     def __repr__(self) -> str:
-        def named(became: str) -> str:
-            texts = [" ".join([history.name, *map(str, history.joints)]) for history in self.of(became)]
+        def named(status: str) -> str:
+            texts = [" ".join([history.name, *map(str, history.joints)]) for history in self.of(status)]
             return ", ".join(texts) or "nothing"
 
         line = self.timeline
@@ -127,18 +127,18 @@ class ChangeReport:
         lines = [
             f"ChangeReport of {self.earlier.model.robot.name}: {len(self.logs)} logs by {self.dates.basis}",
             f"changed since the first  {named(CHANGED)}",
-            f"missing all along        {named(ALL_ALONG)}",
+            f"missing in all logs      {named(PREEXISTING)}",
             f"gone since the first     {named(GONE)}",
             f"not decided              {named(UNDECIDED)}",
-            f"parameters that moved    {', '.join(moved) or 'none'} (of {len(self.timeline.tracked)})",
+            f"changed parameters       {', '.join(moved) or 'none'} (of {len(self.timeline.tracked)})",
             f"warnings                 {len(self.warnings) or 'none'}",
-            "go on with               .of('changed'), .timeline, .found[-1], bayesid.save(this, folder)",
+            "next                     .of('changed'), .timeline, .found[-1], bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 
-    def of(self, became: str) -> tuple[EffectHistory, ...]:
-        """The effects with this history: "changed", "preexisting", "gone" or "undecided"."""
-        return tuple(history for history in self.effects if history.became == became)
+    def of(self, status: str) -> tuple[EffectHistory, ...]:
+        """The effects with this status: "changed", "preexisting", "gone" or "undecided"."""
+        return tuple(history for history in self.effects if history.status == status)
 
 
 @one_blas_thread
@@ -154,21 +154,21 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
     preprocessing: Preprocessing = Preprocessing(),
     progress: Progress | Show = SILENT,
 ) -> ChangeReport:
-    """Compares logs of one robot, one after the other: what has changed since the first, what was missing all along.
+    """Compares logs of one robot: changes since the first log, and effects missing in all logs.
 
     Args:
-        robot: a robot, or a name or file that `bayesid.load_robot` takes.
+        robot: a robot, or its name or file, as for `bayesid.load_robot`.
         logs: two or more, the earliest first, or anything that `bayesid.read_log` reads.
-        terms: names of the catalogue, or terms of your own: what effects are beyond.
-        holdout: one more log of the robot as it was in the last one, to score that comparison by.
-        constraints: as of `identify`; they hold for every log, but those on the last link not where it has a payload.
-        search: how signs are searched in the first log; in later ones, which that one helps to settle, briefly.
-        posterior: how those of the first model and of the last log's extended model are sampled, or whether they are.
-        preprocessing: how the logs are made ready.
+        terms: terms of the model: names of the catalogue, or your own terms.
+        holdout: another log of the robot in its last state, for cross-validation.
+        constraints: as of `identify`, for all logs; without those on the last link in logs with a payload.
+        search: sign search in the first log; later ones have a short one, as the first log's model is known.
+        posterior: sampling of the posteriors of the first and of the last model, or whether to sample.
+        preprocessing: filtering and segmentation.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
-        InputError: there are fewer than two logs, one comes twice, or one is of another robot or cannot be used.
+        InputError: there are fewer than two logs, a log is given twice, is of another robot or unusable.
         SolverError: an optimisation failed.
     """
     progress = Progress.of(progress)
@@ -203,7 +203,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         )
         for log, heading in zip(read[1:], headings[1:], strict=True)
     ]
-    runs = _alone(earlier, found, read, preprocessing, headings)
+    runs = _identify_alone(earlier, found, read, preprocessing, headings)
     timeline = make_timeline(runs, [False, *(_payload(one) is not None for one in found)])
     return ChangeReport(
         logs=tuple(read),
@@ -230,7 +230,7 @@ def names_of(logs: Sequence[Log]) -> tuple[str, ...]:
 def _check(robot: Robot, logs: Sequence[Log]) -> None:
     if len(logs) < 2:
         where = logs[0].source if logs else "logs"
-        raise InputError("is one log; a comparison takes two or more", where, "give a later log of the robot too")
+        raise InputError("is one log, but a comparison needs two or more", where, "give a later log of the robot too")
     for log in logs:
         check_joints(robot, log.n_joints, log.source)
     for one, other in combinations(logs, 2):
@@ -247,16 +247,16 @@ def _warnings(dates: Dates, timeline: Timeline) -> list[str]:
         )
     if timeline.factor > TUNING.scatter:
         warnings.append(
-            f"parameters of the time line change by {timeline.factor:.1f} times their standard deviation (median; 1 is "
-            "expected): much has changed, or the model lacks an effect that was not found"
+            f"parameters of the time line change {timeline.factor:.1f} times as much as expected from their standard "
+            "deviations (median): many parameters changed, or an effect is missing that was not found"
         )
     return warnings
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# The common model on each log by itself
+# The common model on each log alone
 # ---------------------------------------------------------------------------------------------------------------
-def _alone(
+def _identify_alone(
     earlier: Identification,
     found: Sequence[Discrepancy],
     logs: Sequence[Log],
@@ -266,10 +266,10 @@ def _alone(
     """Identifies a common model from each log alone: terms that any log shows alone, and each log's distortions.
 
     A payload is left out, as a single log cannot separate it from the last link. It still counts as load of friction,
-    and constraints on the last link are lifted. Effects that a comparison added but the log alone does not confirm are
+    and constraints on the last link are removed. Effects that a comparison added but the log alone does not confirm are
     left out too. The speed below which dry friction is smoothed is that of each log.
     """
-    new = [_new(one) for one in found]
+    new = [_confirmed_alone(one) for one in found]
     terms = {key_of(one): one for effects in new for one in effects if isinstance(one, Term)}
     shared = (*earlier.model.terms, *terms.values())
     runs = []
@@ -277,35 +277,35 @@ def _alone(
         if k == 0 and not terms:
             runs.append(earlier)
             continue
-        told = earlier if k == 0 else found[k - 1].identification
+        start = earlier if k == 0 else found[k - 1].identification
         body = None if k == 0 else _payload(found[k - 1])
-        kept = () if k == 0 else new[k - 1]
-        held = [one for one in told.model.distortions if one in earlier.model.distortions or one.needs_earlier]
-        distortions = [*held, *(one for one in kept if isinstance(one, Distortion))]
-        speed = told.model.robot.actuators(told.signals.motion).standstill_speed
-        own = tuple(_turning_below(_carrying(term, body), speed) for term in shared)
-        stated = _stated(earlier.model, loaded=body is not None)
-        model = reduce(Model.extend, distortions, Model(earlier.model.robot, own, constraints=stated))
-        theta = _values(model, told)
+        added = () if k == 0 else new[k - 1]
+        kept = [one for one in start.model.distortions if one in earlier.model.distortions or one.needs_earlier]
+        distortions = [*kept, *(one for one in added if isinstance(one, Distortion))]
+        speed = start.model.robot.actuators(start.signals.motion).standstill_speed
+        of_log = tuple(_smoothed_below(_loaded_by(term, body), speed) for term in shared)
+        constraints = _constraints(earlier.model, loaded=body is not None)
+        model = reduce(Model.extend, distortions, Model(earlier.model.robot, of_log, constraints=constraints))
+        theta = _values(model, start)
         runs.append(identify_again(model, log, None, theta, preprocessing=preprocessing, progress=headings[k]))
     return runs
 
 
-def _stated(model: Model, *, loaded: bool) -> Constraints | None:
+def _constraints(model: Model, *, loaded: bool) -> Constraints | None:
     """Constraints on a robot; without those on the last link if it carries a payload."""
-    stated, robot = model.constraints, model.robot
-    if stated is None or not loaded:
-        return stated
-    return stated.sparing([one.name for one in RigidBody().parameters(robot) if one.joint == robot.n_joints])
+    constraints, robot = model.constraints, model.robot
+    if constraints is None or not loaded:
+        return constraints
+    return constraints.sparing([one.name for one in RigidBody().parameters(robot) if one.joint == robot.n_joints])
 
 
-def _new(found: Discrepancy) -> list[Effect]:
-    effects = [_as_added(one, found) for one in found.added if _tellable(one)]
+def _confirmed_alone(found: Discrepancy) -> list[Effect]:
+    effects = [_as_added(one, found) for one in found.added if _visible_alone(one)]
     shown = shown_by(found.identification, effects)
     return [effect for effect in effects if key_of(effect) in shown]
 
 
-def _turning_below(term: Term, speed: Array) -> Term:
+def _smoothed_below(term: Term, speed: Array) -> Term:
     """A dry friction term smoothed below the speeds (n,)."""
     if not isinstance(term, DryTerm):
         return term
@@ -318,7 +318,7 @@ def _payload(found: Discrepancy) -> Array | None:
     return next((values for term, values in model.parts(theta) if term.of_links and term.needs_earlier), None)
 
 
-def _carrying(term: Term, body: Array | None) -> Term:
+def _loaded_by(term: Term, body: Array | None) -> Term:
     """A term whose load includes a body on the last link."""
     if body is None or not term.shape.get("links"):
         return term
@@ -327,8 +327,8 @@ def _carrying(term: Term, body: Array | None) -> Term:
     return of_shape(type(term), {**term.shape, "links": links.tolist()})
 
 
-def _values(model: Model, told: Identification) -> Array:
-    values = {p.name: value for p, value in zip(told.model.parameters, told.theta, strict=True)}
+def _values(model: Model, start: Identification) -> Array:
+    values = {p.name: value for p, value in zip(start.model.parameters, start.theta, strict=True)}
     return np.array([values.get(parameter.name, 0.0) for parameter in model.parameters])
 
 
@@ -339,23 +339,23 @@ def _histories(
     earlier: Identification, found: Sequence[Discrepancy], runs: Sequence[Identification], timeline: Timeline
 ) -> tuple[EffectHistory, ...]:
     first = _of_first(earlier, runs)
-    gone = {key_of(history.effect) for history in first if history.became == GONE}
+    gone = {key_of(history.effect) for history in first if history.status == GONE}
     later = _of_later(found, runs, timeline)
     return (*first, *(history for history in later if key_of(history.effect) not in gone))
 
 
 def _of_first(earlier: Identification, runs: Sequence[Identification]) -> list[EffectHistory]:
     """Histories of effects detected in the first log."""
-    entered = () if earlier.model_selection is None else earlier.model_selection.effects
-    effects = [effect.source for effect in entered]
+    detected = () if earlier.model_selection is None else earlier.model_selection.effects
+    effects = [effect.source for effect in detected]
     confirmed = [shown_by(run, effects) for run in runs[1:]]
     histories = []
-    for one in entered:
-        later = [standing(run, one.source, shown, runs[0]) for run, shown in zip(runs[1:], confirmed, strict=True)]
-        told = [what.says for what in later if what.says != OPEN]
-        became = UNDECIDED if not told else ALL_ALONG if told[-1] == SHOWN else GONE
-        first = Standing(SHOWN, one.log10_bayes_factor)
-        histories.append(EffectHistory(one.source, became, (first, *later), {}))
+    for one in detected:
+        later = [log_evidence(run, one.source, shown, runs[0]) for run, shown in zip(runs[1:], confirmed, strict=True)]
+        decisive = [evidence.says for evidence in later if evidence.says != OPEN]
+        status = UNDECIDED if not decisive else PREEXISTING if decisive[-1] == SHOWN else GONE
+        first = LogEvidence(SHOWN, one.log10_bayes_factor)
+        histories.append(EffectHistory(one.source, status, (first, *later), {}))
     return histories
 
 
@@ -367,32 +367,34 @@ def _of_later(found: Sequence[Discrepancy], runs: Sequence[Identification], time
             added.setdefault((effect.hypothesis.key, bool(effect.hypothesis.changes)), {})[k] = effect
     first = {key: next(iter(by_log.items())) for key, by_log in added.items()}
     sources = {key: _as_added(effect, found[k - 1]) for key, (k, effect) in first.items()}
-    followed = {key: one for key, one in sources.items() if _tellable(first[key][1]) and _followed(one, runs)}
+    followed = {key: one for key, one in sources.items() if _visible_alone(first[key][1]) and _in_models(one, runs)}
     confirmed = [shown_by(run, list(followed.values())) for run in runs]
     histories = []
     for key, by_log in added.items():
         (k, effect), source = first[key], sources[key]
         if key in followed:
-            says = tuple(standing(run, source, shown, runs[k]) for run, shown in zip(runs, confirmed, strict=True))
-            histories.append(EffectHistory(source, _of_new(says), says, by_log))
+            pairs = zip(runs, confirmed, strict=True)
+            evidence = tuple(log_evidence(run, source, shown, runs[k]) for run, shown in pairs)
+            histories.append(EffectHistory(source, _of_new(evidence), evidence, by_log))
         else:
-            became = UNDECIDED if _tellable(effect) else _of_change(by_log, timeline)
-            histories.append(EffectHistory(source, became, (), by_log))
+            status = UNDECIDED if _visible_alone(effect) else _of_change(by_log, timeline)
+            histories.append(EffectHistory(source, status, (), by_log))
     return histories
 
 
-def _followed(effect: Effect, runs: Sequence[Identification]) -> bool:
+def _in_models(effect: Effect, runs: Sequence[Identification]) -> bool:
     return any(key_of(one) == key_of(effect) for run in runs for one in run.model.effects)
 
 
-def _of_new(says: Sequence[Standing]) -> str:
-    """History of an effect that a later log shows: new if the first log excludes it."""
-    later = [what.says for what in says[1:]]
-    return UNDECIDED if SHOWN not in later else {SHOWN: ALL_ALONG, ABSENT: CHANGED, OPEN: UNDECIDED}[says[0].says]
+def _of_new(evidence: Sequence[LogEvidence]) -> str:
+    """Status of an effect that a later log shows: new if the first log excludes it."""
+    if SHOWN not in [one.says for one in evidence[1:]]:
+        return UNDECIDED
+    return {SHOWN: PREEXISTING, ABSENT: CHANGED, OPEN: UNDECIDED}[evidence[0].says]
 
 
 def _of_change(by_log: Mapping[int, AddedEffect], timeline: Timeline) -> str:
-    """History of a changed parameter: undecided if the time line includes it and shows no change."""
+    """Status of a changed parameter: undecided if the time line includes it and shows no change."""
     names = [one.name for one in timeline.tracked]
     changes = {name for effect in by_log.values() for name in effect.hypothesis.changes}
     places = [names.index(name) for name in changes if name in names]
@@ -400,7 +402,7 @@ def _of_change(by_log: Mapping[int, AddedEffect], timeline: Timeline) -> str:
     return CHANGED if any(tested) or not tested else UNDECIDED
 
 
-def _tellable(effect: AddedEffect) -> bool:
+def _visible_alone(effect: AddedEffect) -> bool:
     return not effect.hypothesis.changes and not effect.hypothesis.source.needs_earlier
 
 

@@ -74,7 +74,7 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
             gives the model.
         log: a log of the same robot, or anything that `bayesid.read_log` reads. With a robot a list of two or more, the
             earliest first.
-        holdout: another log for cross-validation; without it stretches of the log are held back.
+        holdout: another log for cross-validation; by default blocks of the log are held back.
         terms: terms of the model, with a robot: names of the catalogue, or your own terms.
         constraints: constraints of the model, with a robot, as for `identify`.
         search: sign search; by default a short one, and that of `identify` for the first of several logs.
@@ -87,8 +87,8 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
         A `Discrepancy` of one log, a `bayesid.types.ChangeReport` of several.
 
     Raises:
-        InputError: a log is of another robot, too short, too still, one that the model was identified from, or given
-            twice; or an option is not of this form.
+        InputError: a log is of another robot, too short, without motion, given twice, or the model was identified from
+            it; or an option does not fit this form.
         SolverError: an optimisation failed.
 
     Example:

@@ -22,7 +22,7 @@ from bayesid.robot import Robot, check_joints
 
 
 def check_log(robot: Robot, log: Log) -> None:
-    """InputError unless a log has the robot's joints, some of them move, and it is long enough to hold parts back."""
+    """InputError unless a log has the robot's joints, some move, and it is long enough for cross-validation."""
     check_joints(robot, log.n_joints, log.source)
     duration = float(log.t[-1] - log.t[0])
     if duration < SHORTEST_LOG:
@@ -34,9 +34,9 @@ def check_log(robot: Robot, log: Log) -> None:
 
 
 def check_unseen(earlier: IdentifiedModel, log: Log) -> None:
-    """InputError if the model was identified from the log, whose residual hides what the model lacks."""
+    """InputError if the model was identified from the log: fitted parameters hide missing effects."""
     if earlier.seen(log):
-        problem = "the model was identified from this log, which cannot show what the model lacks"
+        problem = "the model was identified from this log: fitted parameters hide missing effects"
         raise InputError(problem, log.source, "give another log of this robot, of another motion or load")
 
 
@@ -62,10 +62,8 @@ def check_holdout(robot: Robot, log: Log, holdout: Log) -> None:
     check_log(robot, holdout)
     same = len(log) == len(holdout) and np.array_equal(log.q, holdout.q)
     if same or _contains(log.q, holdout.q) or _contains(holdout.q, log.q):
-        problem = "has the same motion as the log and is no independent test"
-        raise InputError(
-            problem, holdout.source, "give another log as `holdout`, or none: then stretches are held back"
-        )
+        problem = "has the same motion as the log, so the test is not independent"
+        raise InputError(problem, holdout.source, "give another log as `holdout`, or none to hold back blocks")
 
 
 def _contains(whole: Array, part: Array) -> bool:
@@ -77,60 +75,58 @@ def _contains(whole: Array, part: Array) -> bool:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Columns that are mixed up
+# Mixed-up columns
 # ---------------------------------------------------------------------------------------------------------------
 class _MixUp(NamedTuple):
-    """What may have happened to the columns of a log of n joints."""
+    """Swapped or reversed columns of a log of n joints."""
 
-    said: str
+    problem: str
     remedy: str
-    positions: Integers  # (n,) which column holds the position of each joint
-    sides: Array  # (n,) 1 or -1, by what it is multiplied
-    efforts: Integers  # (n,) which column holds the effort of each joint
+    positions: Integers  # (n,) column of each joint's position
+    directions: Array  # (n,) 1, or -1 for a reversed position
+    efforts: Integers  # (n,) column of each joint's effort
 
 
 def check_columns(effort_of: Callable[[Motion], Array], trial: Trial, log: Log) -> None:
-    """The log's columns belong to the joints that they name, as far as the model can tell.
+    """Tests whether the model, with effort (N, n) of a motion, explains the log only with swapped or reversed columns.
 
-    Only where the model, with the effort (N, n) in a motion, explains some joint badly are mix-ups tried; one is said
-    if mending it mends these joints.
+    Only if a joint has large errors; a mix-up is reported only if it corrects them.
 
     Raises:
-        InputError: two joints, or two columns of positions or efforts, are exchanged, or a position is reversed.
+        InputError: two joints, or their positions or efforts, are swapped, or a position is reversed.
     """
-    some = np.unique(np.linspace(0, len(trial.used) - 1, TUNING.mix_up_samples).astype(int))
-    motion, n = trial.signals.motion[some], trial.used.shape[1]
+    rows = np.unique(np.linspace(0, len(trial.used) - 1, TUNING.mix_up_samples).astype(int))
+    motion, n = trial.signals.motion[rows], trial.used.shape[1]
 
     def errors(mix_up: _MixUp) -> Array:
-        """(n,) mean squared, over what the measured efforts vary by; 0 of a joint that hardly moves."""
-        measured, used = trial.magnitude[some][:, mix_up.efforts], trial.used[some][:, mix_up.positions]
-        q, dq, ddq = (x[:, mix_up.positions] * mix_up.sides for x in (motion.q, motion.dq, motion.ddq))
-        misses = (measured - np.abs(effort_of(replace(motion, q=q, dq=dq, ddq=ddq)))) ** 2
+        """(n,) mean squared errors over the variance of the measured efforts; 0 for a joint that hardly moves."""
+        measured, used = trial.magnitude[rows][:, mix_up.efforts], trial.used[rows][:, mix_up.positions]
+        q, dq, ddq = (x[:, mix_up.positions] * mix_up.directions for x in (motion.q, motion.dq, motion.ddq))
+        squares = (measured - np.abs(effort_of(replace(motion, q=q, dq=dq, ddq=ddq)))) ** 2
         ratio = np.zeros(n)
         for j in np.flatnonzero(used.any(axis=0)):
-            ratio[j] = misses[used[:, j], j].mean() / max(float(measured[used[:, j], j].var()), np.finfo(float).tiny)
+            ratio[j] = squares[used[:, j], j].mean() / max(float(measured[used[:, j], j].var()), np.finfo(float).tiny)
         return ratio
 
     as_is = errors(_MixUp("", "", np.arange(n), np.ones(n), np.arange(n)))
-    if not (suspect := as_is > TUNING.suspect).any():
+    if not (suspect := as_is > TUNING.suspect_error).any():
         return
-    tried = [(errors(one), one) for one in _mix_ups(n)]
-    left, best = min(tried, key=lambda pair: float(pair[0].sum()))
-    if left[suspect].sum() < TUNING.mended * as_is[suspect].sum():
-        raise InputError(f"{best.said}: the model does not explain the log as given", log.source, best.remedy)
+    tried = [(errors(mix_up), mix_up) for mix_up in _mix_ups(n)]
+    corrected, best = min(tried, key=lambda pair: float(pair[0].sum()))
+    if corrected[suspect].sum() < TUNING.corrected_error * as_is[suspect].sum():
+        raise InputError(f"{best.problem}: the model does not explain the log as given", log.source, best.remedy)
 
 
 def _mix_ups(n: int) -> Iterator[_MixUp]:
-    own = np.arange(n)
+    same, ones = np.arange(n), np.ones(n)
     for j in range(n):
-        sides = np.where(own == j, -1.0, 1.0)
-        said = f"the positions of joint {j + 1} look reversed"
-        yield _MixUp(said, f"give `correct` q{j + 1}=-q{j + 1}", own, sides, own)
+        problem, directions = f"the positions of joint {j + 1} look reversed", np.where(same == j, -1.0, 1.0)
+        yield _MixUp(problem, f"give `correct` q{j + 1}=-q{j + 1}", same, directions, same)
     for i, j in combinations(range(n), 2):
-        other, ones = own.copy(), np.ones(n)
-        other[[i, j]] = j, i
+        swapped = same.copy()
+        swapped[[i, j]] = j, i
         pair = f"joints {i + 1} and {j + 1}"
         q, tau = (f"{symbol}{i + 1}={symbol}{j + 1},{symbol}{j + 1}={symbol}{i + 1}" for symbol in ("q", "tau"))
-        yield _MixUp(f"{pair} look swapped", f"give `correct` {q},{tau}", other, ones, other)
-        yield _MixUp(f"the positions of {pair} look swapped", f"give `correct` {q}", other, ones, own)
-        yield _MixUp(f"the efforts of {pair} look swapped", f"give `correct` {tau}", own, ones, other)
+        yield _MixUp(f"{pair} look swapped", f"give `correct` {q},{tau}", swapped, ones, swapped)
+        yield _MixUp(f"the positions of {pair} look swapped", f"give `correct` {q}", swapped, ones, same)
+        yield _MixUp(f"the efforts of {pair} look swapped", f"give `correct` {tau}", same, ones, swapped)

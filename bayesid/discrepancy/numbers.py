@@ -1,4 +1,4 @@
-"""The numbers of added effects: parameters beside the earlier model's, what people read, how large the effect is."""
+"""Numbers of added effects: parameters and their change, readable quantities, and size of the effort."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from bayesid.regression.selection.added_effect import LARGEST_READING, RATED, Ad
 from bayesid.regression.selection.hypotheses import Hypothesis
 
 CHANGE_OF = "change of "
-"""How names of numbers begin that are changes of what the model had."""
+"""Prefix of the names of changes of the earlier model's parameters."""
 
 
 def with_numbers(
     case: Case, selection: Selection, again: Identification, body: PayloadEstimate | None = None
 ) -> tuple[AddedEffect, ...]:
-    """The selected effects with their numbers; those of a payload are what `identify_payload` has read."""
+    """The selected effects with their numbers; those of a payload are from `identify_payload`."""
     numbers = Numbers(case.model, case.knowledge.theta, again, body)
     return tuple(
         replace(
             effect,
-            parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
+            parameters={**numbers.parameters(effect.hypothesis), **_shape_numbers(case, effect.hypothesis, sd)},
             readable=numbers.readable(effect.hypothesis),
             description=numbers.description(effect.hypothesis),
             size=effort_size(case, effect.hypothesis, again.model, again.theta),
@@ -42,18 +42,18 @@ def with_numbers(
     )
 
 
-def _own_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantity]:
+def _shape_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantity]:
     numbers = effect.source.numbers(case.model.robot)
-    tuned = not effect.source.linear and len(sd) >= len(numbers)
-    deviations = sd[: len(numbers)] if tuned else np.full(len(numbers), np.nan)
+    fitted = not effect.source.linear and len(sd) >= len(numbers)
+    deviations = sd[: len(numbers)] if fitted else np.full(len(numbers), np.nan)
     named = zip(numbers.items(), deviations, strict=True)
     return {name: (value, float(deviation), unit) for (name, (value, unit)), deviation in named}
 
 
 class Numbers:
-    """Parameters of the extended model, identified again, beside theta (P,) of the model as it was.
+    """Parameters of the extended model, identified again, beside theta (P,) of the earlier model.
 
-    A payload's are those of `body`, where it was read: of the same log under the model as it was.
+    Those of a payload are from `body`, if given: its estimate from the same log under the earlier model.
     """
 
     def __init__(self, model: Model, theta: Array, again: Identification, body: PayloadEstimate | None = None) -> None:
@@ -65,10 +65,10 @@ class Numbers:
         self._draws = None if draws is None else draws.reshape(-1, draws.shape[-1])
 
     def parameters(self, effect: Hypothesis) -> dict[str, Quantity]:
-        """Of an added effect, and of what it adds to that the model had: the new value and the change."""
+        """Values of an added effect's parameters; of earlier parameters that it changes, also the change."""
         if self._body is not None and isinstance(effect.source, Payload):
-            named = zip(effect.source.parameters(self._again.model.robot), self._body.parameters, strict=True)
-            return {one.name: (number.value, number.sd, one.unit) for one, number in named}
+            pairs = zip(effect.source.parameters(self._again.model.robot), self._body.parameters, strict=True)
+            return {parameter.name: (number.value, number.sd, parameter.unit) for parameter, number in pairs}
         quantities: dict[str, Quantity] = {}
         for parameter in effect.source.parameters(self._again.model.robot):
             name, unit = parameter.name, parameter.unit
@@ -83,7 +83,7 @@ class Numbers:
         return quantities
 
     def readable(self, effect: Hypothesis) -> dict[str, Quantity]:
-        """What people read in place of these."""
+        """Quantities that are easier to read than the parameters, such as a payload's centre of mass."""
         if self._body is not None and isinstance(effect.source, Payload):
             return _of_body(self._body.body)
         place = self._place(effect)
@@ -93,14 +93,14 @@ class Numbers:
         return {name: (float(value), sd.get(name, np.nan), unit) for name, (value, unit) in values.items()}
 
     def description(self, effect: Hypothesis) -> Description | None:
-        """Of an effect without a name, in words."""
+        """Description of a learned effect."""
         return effect.source.description(self._again.model.robot, self._again.theta[self._place(effect)])
 
     def _place(self, effect: Hypothesis) -> list[int]:
         return [self._names.index(p.name) for p in effect.source.parameters(self._again.model.robot)]
 
     def _sum(self, *names: str) -> tuple[float, float]:
-        """Value and standard deviation of the sum of parameters; NaN where that is not known."""
+        """Value and standard deviation of the sum of parameters; NaN if unknown."""
         place = [self._names.index(name) for name in names]
         if self._draws is not None and len(place) > 1:
             return float(self._again.theta[place].sum()), float(self._draws[:, place].sum(axis=1).std())
@@ -112,32 +112,29 @@ class Numbers:
 
 
 def _of_body(body: InertialParameters) -> dict[str, Quantity]:
-    """As `Payload.readable` names them."""
-    told = {"mass": (body.mass, "kg")}
-    told |= {f"centre of mass {axis}": (one, "m") for axis, one in zip("xyz", body.centre or (), strict=True)}
-    told |= {f"inertia {axes}": (one, "kg m^2") for axes, one in zip(AXES, body.inertia or (), strict=True)}
-    return {name: (one.value, one.sd, unit) for name, (one, unit) in told.items()}
+    """Names as in `Payload.readable`."""
+    numbers = {"mass": (body.mass, "kg")}
+    numbers |= {f"centre of mass {axis}": (value, "m") for axis, value in zip("xyz", body.centre or (), strict=True)}
+    numbers |= {f"inertia {axes}": (value, "kg m^2") for axes, value in zip(AXES, body.inertia or (), strict=True)}
+    return {name: (number.value, number.sd, unit) for name, (number, unit) in numbers.items()}
 
 
 def effort_size(case: Case, effect: Hypothesis, extended: Model, theta: Array) -> EffortSize:
-    """How large the own effort of an effect of an extended model with parameters theta (P,) is on held-back data."""
+    """Size on held-back data of the effort of an effect, in an extended model with parameters theta (P,)."""
     trial = case.cross_validation.trial
-    own = np.where(trial.used, own_effort(case, effect, extended, theta, trial.signals.motion), 0.0)
-    rms = trial.rms(own)
+    effort = np.where(trial.used, effort_of(case, effect, extended, theta, trial.signals.motion), 0.0)
+    rms = trial.rms(effort)
     joint = int(np.argmax(rms))
     reference, of = case.model.robot.joints[joint].rated_effort, RATED
-    if reference is None:  # the largest reading of the log, what is held back of it included
+    if reference is None:  # the largest reading of the whole log
         logs = [case.trial.signals, *([] if case.cross_validation.another_log else [trial.signals])]
-        read = [one.magnitude[one.measured[:, joint], joint] for one in logs]
-        reference, of = np.concatenate(read).max(initial=0.0), LARGEST_READING
-    return EffortSize(joint + 1, float(rms[joint]), float(np.abs(own[:, joint]).max()), float(reference), of)
+        readings = [signals.magnitude[signals.measured[:, joint], joint] for signals in logs]
+        reference, of = np.concatenate(readings).max(initial=0.0), LARGEST_READING
+    return EffortSize(joint + 1, float(rms[joint]), float(np.abs(effort[:, joint]).max()), float(reference), of)
 
 
-def own_effort(case: Case, effect: Hypothesis, extended: Model, theta: Array, motion: Motion) -> Array:
-    """(N, n) effort of an extended model less that without the effect, all other parameters kept, N m.
-
-    Of a change of what the model had it is what the change makes.
-    """
+def effort_of(case: Case, effect: Hypothesis, extended: Model, theta: Array, motion: Motion) -> Array:
+    """(N, n) effort of an effect, N m: that of an extended model minus that without the effect or the change."""
     names = [parameter.name for parameter in extended.parameters]
     without, kept = extended, theta.copy()
     if effect.changes:

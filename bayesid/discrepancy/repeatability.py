@@ -1,4 +1,4 @@
-"""Repeatability of a robot: how far the efforts of two recordings of the same motion differ."""
+"""Repeatability of a robot: difference of the efforts of two recordings of the same motion."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from bayesid.robot import Robot, check_joints
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Differences of the filtered efforts of two recordings, at equal instants of their motion."""
+    """Differences of the filtered efforts of two recordings, at equal times of their motion."""
 
     difference: Array  #: (n,) RMS, N m; of |effort| where a sign is hidden; nan for a joint that does not move
-    floor: Array  #: (n,) sd of one recording, N m: RMS error that no model can get below, :eq:`noise-floor`
+    floor: Array  #: (n,) sd of one recording, N m: smallest RMS error of any model, :eq:`noise-floor`
     relative: Array  #: (n,) the floor as a share of the joint's RMS effort
     position: Array  #: (n,) RMS difference of the positions, as a share of the joint's range
     signed: Mask  #: (n,) whether both recordings know the sign
-    shift: float  #: s by which the clock of the second recording is ahead
-    seconds: float  #: of motion that are compared
+    shift: float  #: time of the second recording minus that of the first, s
+    seconds: float  #: duration of the compared motion
 
 
 def repeatability(robot: Robot, log: Log, other: Log) -> Repeatability:
-    """Compares two recordings of the same motion, whose clocks and rates may differ.
+    """Compares two recordings of the same motion; their clocks and rates may differ.
 
     Raises:
         InputError: a log is not of this robot, or the motions differ.
     """
-    for one in (log, other):
-        check_joints(robot, one.n_joints, one.source)
+    for recording in (log, other):
+        check_joints(robot, recording.n_joints, recording.source)
     signed = log.signed & other.signed
     first, second = _prepared(_hiding(log, signed), _hiding(other, signed))
     span = np.ptp(first.motion.q, axis=0)
@@ -54,9 +54,9 @@ def repeatability(robot: Robot, log: Log, other: Log) -> Repeatability:
     apart = np.sqrt(np.mean((q - first.motion.q[common]) ** 2, axis=0)) / np.where(moving, span, np.inf)
     if apart.max() > TUNING.same_motion:
         joint = int(apart.argmax())
-        by = percent(apart[joint], 0)
-        said = f"positions of joint {joint + 1} differ from those of {log.source} by {by} of its range"
-        raise InputError(said, other.source, "give two recordings of the same motion")
+        share = percent(apart[joint], 0)
+        problem = f"positions of joint {joint + 1} differ from those of {log.source} by {share} of its range"
+        raise InputError(problem, other.source, "give two recordings of the same motion")
     compared = used.any(axis=0)
     floor = np.where(compared, repetition_sd(first.effort[common], effort, used), np.nan)
     size = np.sqrt((first.effort[common] ** 2 * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
@@ -72,12 +72,12 @@ def repeatability(robot: Robot, log: Log, other: Log) -> Repeatability:
 
 
 def _hiding(log: Log, signed: Mask) -> Log:
-    """The log without the signs that one of both does not know."""
+    """The log without signs that the other one lacks."""
     return replace(log, effort=np.where(signed, log.effort, np.abs(log.effort)), signed=signed)
 
 
 def _prepared(log: Log, other: Log) -> tuple[Signals, Signals]:
-    """Both, low-passed alike."""
+    """Both logs with the same low-pass."""
     first, second = prepare(log), prepare(other)
     if first.cutoff == second.cutoff:
         return first, second
@@ -86,7 +86,7 @@ def _prepared(log: Log, other: Log) -> tuple[Signals, Signals]:
 
 
 def _shift(first: Signals, second: Signals, span: Array, moving: Mask) -> float:
-    """S after which the second motion is where the first is, by least squares over half of the shorter one or more."""
+    """Time shift of the second motion, s, by least squares of the positions; they overlap by half or more."""
     every = [max(1, len(signals.motion) // TUNING.aligned) for signals in (first, second)]
     (t, q), (u, p) = (
         (signals.motion.t[::k] - signals.motion.t[0], signals.motion.q[::k][:, moving] / span[moving])
@@ -105,5 +105,5 @@ def _shift(first: Signals, second: Signals, span: Array, moving: Mask) -> float:
 
 
 def _at(t: Array, u: Array, values: Array) -> Array:
-    """(M, n) values (N, n) of instants u (N,) at other instants t (M,)."""
+    """(M, n) values (N, n) of times u (N,) interpolated at times t (M,)."""
     return np.stack([np.interp(t, u, column) for column in values.T], axis=1)

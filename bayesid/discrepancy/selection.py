@@ -37,7 +37,7 @@ class Selection:
     chosen: EffectSet  #: the effects, in the order in which they were added
     before: FittedEffects  #: fit to the log without effects
     library: Library  #: all hypotheses
-    #: minimal sets that predict held-back data equally well, most probable first; the first is the chosen one
+    #: minimal sets that predict held-back data equally well, most probable first, which is the chosen one
     sets: tuple[WeighedSet, ...]
     stopped: bool  #: whether the search stopped at its limit
     #: effects with enough evidence that held-back data do not confirm, or that explain too little; each with its set
@@ -48,10 +48,10 @@ class Selection:
     def added(self) -> list[AddedEffect]:
         """The effects, with their probabilities over all sets and their alternatives in probable ones."""
         chosen, added = self.sets[0], []
-        likely = [one for one in self.sets if one.probability > chosen.probability / TUNING.equivalent_odds]
+        probable = [one for one in self.sets if one.probability > chosen.probability / TUNING.equivalent_odds]
         for effect in (self._weighed(self.chosen, one) for one in self.chosen.effects):
             name, joints = key = effect.hypothesis.key
-            others = {other for one in likely for other, where in one.without(key, chosen) if where == joints}
+            others = {other for one in probable for other, where in one.instead_of(key, chosen) if where == joints}
             equivalent = tuple(sorted({*effect.equivalent, *others} - {name}))
             included = sum(one.probability for one in self.sets if key in one.effects)
             added.append(replace(effect, included=included, equivalent=equivalent))
@@ -63,8 +63,8 @@ class Selection:
         refused, robot = [], self.chosen.case.model.robot
         for among, effect in self.rejected:
             amplitude, _ = among.fitted_effects.amplitude_of(effect)
-            words = effect.source.description(robot, amplitude)
-            refused.append(replace(self._weighed(among, effect), description=words))
+            description = effect.source.description(robot, amplitude)
+            refused.append(replace(self._weighed(among, effect), description=description))
         return refused
 
     def _weighed(self, among: EffectSet, effect: Hypothesis) -> AddedEffect:
@@ -72,7 +72,7 @@ class Selection:
 
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
-    """Effects that explain the log and are confirmed by held-back data."""
+    """Selects effects that explain the log and are confirmed by held-back data."""
     with progress.stage("effect selection") as steps:
         return _selected(case, steps)
 
@@ -85,11 +85,11 @@ def _selected(case: Case, steps: Steps) -> Selection:
     nothing = EffectSet(case, before)
     sets = EffectSets(case, library, {nothing.forms: nothing})
     sharp = bool(data.sharp.all())
-    likeliest, idle = (_likeliest(sets, nothing, steps), []) if sharp else _helping(sets, nothing)
-    stopped = sharp and sets.looked_at > TUNING.most_sets
-    minimal = _borne_out(sets, likeliest) if sharp else [likeliest]
-    chosen, not_learned = learn_effects(_without_stand_ins(sets, minimal[0]), sets.log_prior)
-    passed = [*idle, *((one, effect) for one in (likeliest, minimal[0]) for effect in one.effects)]
+    best, unconfirmed = (_most_probable(sets, nothing, steps), []) if sharp else _only_confirmed(sets, nothing)
+    stopped = sharp and sets.n_fitted > TUNING.most_sets
+    minimal = _confirmed_sets(sets, best) if sharp else [best]
+    chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior)
+    passed = [*unconfirmed, *((one, effect) for one in (best, minimal[0]) for effect in one.effects)]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
     return Selection(
         chosen=chosen,
@@ -103,9 +103,9 @@ def _selected(case: Case, steps: Steps) -> Selection:
 
 
 def _begin(case: Case) -> tuple[Observations, Library]:
-    """Signs from the earlier model, with parameters adapted as far as the earlier log allows; and all hypotheses."""
+    """The log with signs of the earlier model, its parameters adapted within their uncertainty, and all hypotheses."""
     predicted = case.before
-    for _ in range(TUNING.settlings):
+    for _ in range(TUNING.alternations):
         predicted = case.modelled.effort(explain(case.data(predicted), ()))
     scene = case.modelled.scene(predicted)
     library = list(hypotheses(case.modelled.maker(scene), scene))
@@ -116,21 +116,21 @@ def _begin(case: Case) -> tuple[Observations, Library]:
 # ---------------------------------------------------------------------------------------------------------------
 # On the log
 # ---------------------------------------------------------------------------------------------------------------
-def _likeliest(sets: EffectSets, nothing: EffectSet, steps: Steps) -> EffectSet:
+def _most_probable(sets: EffectSets, nothing: EffectSet, steps: Steps) -> EffectSet:
     """The most probable set, starting from forward selection and from effects of the whole robot."""
     best = _improved(sets, _one_by_one(sets, nothing))
     steps(1, 3)
     for effect in _of_several_joints(sets, nothing):
-        if effect.key not in best.keys and sets.looked_at <= TUNING.most_sets:
-            tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
+        if effect.key not in best.keys and sets.n_fitted <= TUNING.most_sets:
+            tried = [sets.fit([*others, effect], best.data) for others in ((), best.effects)]
             other = polished(sets, max(tried, key=lambda one: one.log_posterior))
             best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
     steps(2, 3)
     return best
 
 
-def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey] = ()) -> EffectSet:
-    """Forward selection; signs and numbers are found again after each pass, until nothing changes.
+def _one_by_one(sets: EffectSets, chosen: EffectSet, excluded: Collection[EffectKey] = ()) -> EffectSet:
+    """Forward selection; signs and numbers are fitted again after each pass, until nothing changes.
 
     If the earlier model was poor and the floor therefore uncertain, standard effects come first. Other effects are not
     tried in joints where these reach the floor, as real friction never fits a term exactly.
@@ -140,13 +140,13 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
     standard = not chosen.data.sharp.all() and not chosen.effects
     while True:
         errors, others = _ranked(sets, chosen, standard)
-        others = [effect for effect in others if effect.key not in idle]
+        others = [effect for effect in others if effect.key not in excluded]
         tried = [*chosen.effects, *others[: REGRESSION.short_list]]
         regression = Regression(chosen.data, tried, errors, case.uncertain, predicting=False)
         _, found = select_forward(
             regression, needed=case.needed, most=limits.max_effects, sharpen=case.modelled.sharper, start=chosen.keys
         )
-        chosen = sets.settled(refined(chosen.data, found, sets.library), chosen.data, ())
+        chosen = sets.fit(refined(chosen.data, found, sets.library), chosen.data, ())
         if not standard and chosen.keys in seen:
             return chosen
         seen.append(chosen.keys)
@@ -168,31 +168,32 @@ def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequen
 
 def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
     """The most probable set after searching whole sets of effects joint by joint, until none is better."""
-    looks = Counter[int]()
-    looked = set[tuple[int, Forms]]()  # at a joint beside these effects elsewhere
+    searches = Counter[int]()
+    done = set[tuple[int, Forms]]()  # searched joints, with the effects elsewhere
     while True:
-        beside = {j: _elsewhere(best, j) for j in _unsettled(sets.case, best) if looks[j] < TUNING.looks}
-        left = [(j, forms) for j, forms in beside.items() if (j, forms) not in looked]
-        if not left or sets.looked_at > TUNING.most_sets:
+        joints = [j for j in _to_search(sets.case, best) if searches[j] < TUNING.searches_per_joint]
+        open_ones = [one for one in ((j, _elsewhere(best, j)) for j in joints) if one not in done]
+        if not open_ones or sets.n_fitted > TUNING.most_sets:
             return polished(sets, best)
-        looked.add(left[0])
-        looks[left[0][0]] += 1
-        best = _improved_in(sets, sets.anchored(best), left[0][0])
+        done.add(open_ones[0])
+        joint = open_ones[0][0]
+        searches[joint] += 1
+        best = _improved_in(sets, sets.anchored(best), joint)
 
 
 def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
     return frozenset(map(form_of, chosen.without(*chosen.in_joint(joint))))
 
 
-def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
-    """Joints (from 0) above the floor, or with effects of several numbers, worst first."""
+def _to_search(case: Case, chosen: EffectSet) -> list[int]:
+    """Joints (from 0) above the floor, or with effects of several parameters, worst first."""
     ratio = np.sqrt(chosen.fitted_effects.mean_square)
-    own = Counter[int]()
+    parameters = Counter[int]()
     for effect in chosen.effects:
         if len(effect.columns.joints) == 1:
-            own.update({joint: len(effect.columns.sd) for joint in effect.columns.joints})
+            parameters.update({joint: len(effect.columns.sd) for joint in effect.columns.joints})
     above = {j for j, x in enumerate(ratio.tolist()) if x > REGRESSION.above_floor}
-    several = {j for j, count in own.items() if count > TUNING.few}
+    several = {j for j, count in parameters.items() if count > TUNING.few_parameters}
     return sorted((j for j in above | several if chosen.data.sharp[j]), key=lambda j: -ratio[j])
 
 
@@ -204,65 +205,64 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     """
     forms = [form for group in sets.library for form in group if form.columns.joints == {joint}]
     others = best.without(*best.in_joint(joint))
-    tried = [best, *_with_some_of(sets, others, best, joint, forms)]
+    tried = [best, *_with_sets_of(sets, others, best, joint, forms)]
     best = max(tried, key=lambda one: one.log_posterior)
-    if _left(best, joint) > REGRESSION.above_blunt_floor**2:
+    if _mean_square(best, joint) > REGRESSION.above_blunt_floor**2:
         linear = [form for form in forms if form.source.linear]
         distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
-        alone = [sets.settled([*others, one], best.data, {joint}, one) for one in distortions]
-        for one in sorted(alone, key=lambda one: _left(one, joint))[: TUNING.bases]:
-            tried += [one, *_with_some_of(sets, one.effects, one, joint, linear)]
+        bases = [sets.fit([*others, one], best.data, {joint}, one) for one in distortions]
+        for base in sorted(bases, key=lambda one: _mean_square(one, joint))[: TUNING.bases]:
+            tried += [base, *_with_sets_of(sets, base.effects, base, joint, linear)]
     return max(tried, key=lambda one: one.log_posterior)
 
 
-def _left(chosen: EffectSet, joint: int) -> float:
+def _mean_square(chosen: EffectSet, joint: int) -> float:
     """Mean square residual of a joint, over that of the floor."""
     return float(chosen.fitted_effects.mean_square[joint])
 
 
-def _with_some_of(
+def _with_sets_of(
     sets: EffectSets, others: Sequence[Hypothesis], chosen: EffectSet, joint: int, forms: Sequence[Hypothesis]
 ) -> list[EffectSet]:
     """`others` with sets of effects in one joint, the most probable few fitted fully."""
     data = chosen.data
-    proposed = joint_sets(data, joint, others, forms, sets.log_prior)
     by_size: dict[int, list[tuple[float, tuple[Hypothesis, ...]]]] = {}
-    for some in proposed:
-        by_size.setdefault(len(some), []).append((sets.quick([*others, *some], data), some))
-    leading = [sorted(of_size, key=lambda one: -one[0])[: TUNING.polished] for of_size in by_size.values()]
-    return [sets.settled([*others, *some], data, {joint}) for of_size in leading for _, some in of_size]
+    for effects in joint_sets(data, joint, others, forms, sets.log_prior):
+        by_size.setdefault(len(effects), []).append((sets.quick([*others, *effects], data), effects))
+    best = [sorted(of_size, key=lambda one: -one[0])[: TUNING.sets_per_size] for of_size in by_size.values()]
+    return [sets.fit([*others, *effects], data, {joint}) for of_size in best for _, effects in of_size]
 
 
 def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
     """The set with better forms and without unnecessary effects, as long as that makes it more probable.
 
-    Forms that were tried are not tried again: the reference changes with the set, so the iteration might not end.
+    Forms are tried once only, as the reference changes with the set and the iteration might not end.
     """
     seen = set[Forms]()
     while best.effects and best.forms not in seen:
         seen.add(best.forms)
         best = sets.anchored(best)
-        better = sets.settled(best.effects, best.data)
-        likeliest = max(sets.fewer(best), key=lambda one: one.log_posterior)
-        if likeliest.log_posterior > max(better.log_posterior, best.log_posterior) - sets.case.needed:
-            best = likeliest
+        better = sets.fit(best.effects, best.data)
+        fewer = max(sets.fewer(best), key=lambda one: one.log_posterior)
+        if fewer.log_posterior > max(better.log_posterior, best.log_posterior) - sets.case.needed:
+            best = fewer
         elif better.log_posterior > best.log_posterior + TUNING.noticed:
             best = better
     return best
 
 
 def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
-    """Effects that may explain what is missing in several joints, best first."""
+    """Effects that may explain residuals in several joints, best first."""
     regression = Regression.of(explain(nothing.data, (), nothing.fitted_effects))
     groups = [group for group in sets.library if len(group[0].columns.joints) > 1]
     scores = best_forms(regression, groups)
-    return [score.hypothesis for score in scores[: TUNING.whole] if score.gain > sets.case.needed]
+    return [score.hypothesis for score in scores[: TUNING.alternatives] if score.gain > sets.case.needed]
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # On held-back data
 # ---------------------------------------------------------------------------------------------------------------
-def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
+def _confirmed_sets(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     """Minimal sets that predict held-back data equally well, most probable first.
 
     Sets without an effect of the chosen one, or with an alternative in its place, are fitted too. Each effect of a set
@@ -271,47 +271,47 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     seen, minimal = set[Forms](), [chosen]
     while chosen.forms not in seen and len(seen) < TUNING.rounds:
         seen.add(chosen.forms)
-        _look_around(sets, chosen)
+        _fit_alternatives(sets, chosen)
         minimal = minimal_sets(sets)
         chosen = minimal[0]
     return minimal
 
 
-def _helping(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+def _only_confirmed(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """Forward selection without effects that held-back data do not confirm, and these effects.
 
     Used if the floor is uncertain because the earlier model was poor. Sets are not compared then, as complex effects
     fit real friction slightly better than the missing effect.
     """
-    chosen, idle = nothing, list[tuple[EffectSet, Hypothesis]]()
+    chosen, unconfirmed = nothing, list[tuple[EffectSet, Hypothesis]]()
     while True:
-        if len(idle) < TUNING.most_idle:
-            chosen = _one_by_one(sets, chosen, {effect.key for _, effect in idle})
-        one = _idle(sets, chosen)
-        if one is None:
-            return chosen, idle
-        idle.append((chosen, one))
-        chosen = sets.settled(chosen.without(one), chosen.data, ())
+        if len(unconfirmed) < TUNING.most_unconfirmed:
+            chosen = _one_by_one(sets, chosen, {effect.key for _, effect in unconfirmed})
+        effect = _unconfirmed(sets, chosen)
+        if effect is None:
+            return chosen, unconfirmed
+        unconfirmed.append((chosen, effect))
+        chosen = sets.fit(chosen.without(effect), chosen.data, ())
 
 
-def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
+def _unconfirmed(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
     """The last effect that held-back data do not confirm beside the others."""
     least = sets.case.thresholds.held_back_improvement
     for effect in reversed(chosen.effects):
-        fewer = sets.settled(chosen.without(effect), chosen.data, ())
+        fewer = sets.fit(chosen.without(effect), chosen.data, ())
         if not confirms(chosen.cross_validation_errors, fewer.cross_validation_errors, effect.columns.joints, least):
             return effect
     return None
 
 
-def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
+def _fit_alternatives(sets: EffectSets, chosen: EffectSet) -> None:
     """Fits sets without an effect of the chosen one, or with an alternative to one or two of its effects."""
     chosen = sets.anchored(chosen)
     sets.fewer(chosen)
     pairs = [(a, b) for a, b in combinations(chosen.effects, 2) if a.columns.joints == b.columns.joints]
-    for gone in [*((effect,) for effect in chosen.effects), *pairs]:
-        for rival in _rivals(sets, chosen, gone):
-            sets.settled([*chosen.without(*gone), rival], chosen.data, rival.columns.joints, rival)
+    for replaced in [*((effect,) for effect in chosen.effects), *pairs]:
+        for other in _alternatives(sets, chosen, replaced):
+            sets.fit([*chosen.without(*replaced), other], chosen.data, other.columns.joints, other)
 
 
 def minimal_sets(sets: EffectSets) -> list[EffectSet]:
@@ -319,7 +319,7 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
 
     The sd of the errors is the smallest residual of any set, at least the floor.
     """
-    candidates = [one for one in sets.found.values() if not _needless(sets, one)]
+    candidates = [one for one in sets.found.values() if not _unnecessary(sets, one)]
     score(candidates)
     cross_validation, limits = sets.case.cross_validation, sets.case.thresholds
     sd = np.min(
@@ -327,19 +327,19 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
     )
     used = cross_validation.trial.used
     density = [cross_validation.by_block(log_density(one.cross_validation, used, sd)) for one in candidates]
-    top = max(density, key=lambda of_blocks: float(of_blocks.sum()))
+    best = max(density, key=lambda of_blocks: float(of_blocks.sum()))
     least = 0.5 * limits.held_back_improvement * float(used.sum(axis=0).max())
     pairs = zip(candidates, density, strict=True)
-    within = [one for one, of_blocks in pairs if not surely_better(top, of_blocks, least)]
-    minimal = [one for one in within if not any(other.keys < one.keys for other in within)]
-    of_keys: dict[frozenset[EffectKey], list[float]] = {}
+    equal = [one for one, of_blocks in pairs if not surely_better(best, of_blocks, least)]
+    minimal = [one for one in equal if not any(other.keys < one.keys for other in equal)]
+    by_keys: dict[frozenset[EffectKey], list[float]] = {}
     for one in minimal:
-        of_keys.setdefault(one.keys, []).append(one.log_posterior)
-    whatever_form = {keys: float(logsumexp(logs)) for keys, logs in of_keys.items()}
-    return sorted(minimal, key=lambda one: (-whatever_form[one.keys], -one.log_posterior))
+        by_keys.setdefault(one.keys, []).append(one.log_posterior)
+    over_forms = {keys: float(logsumexp(logs)) for keys, logs in by_keys.items()}
+    return sorted(minimal, key=lambda one: (-over_forms[one.keys], -one.log_posterior))
 
 
-def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
+def _unnecessary(sets: EffectSets, chosen: EffectSet) -> bool:
     """Whether a fitted set without one of the effects is about as probable, or the effect existed before."""
     for effect in chosen.effects:
         fewer = sets.found.get(chosen.forms - {form_of(effect)})
@@ -352,30 +352,30 @@ def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
     return False
 
 
-def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -> list[Hypothesis]:
+def _alternatives(sets: EffectSets, chosen: EffectSet, replaced: tuple[Hypothesis, ...]) -> list[Hypothesis]:
     """Alternatives to one or two effects: other effects or forms with a similar gain."""
-    regression = Regression.of(explain(chosen.data, chosen.without(*gone), chosen.fitted_effects))
-    keys = {effect.key for effect in gone}
-    joints, forms = gone[0].columns.joints, set(map(form_of, gone))
+    regression = Regression.of(explain(chosen.data, chosen.without(*replaced), chosen.fitted_effects))
+    keys = {effect.key for effect in replaced}
+    joints, forms = replaced[0].columns.joints, set(map(form_of, replaced))
     by_form: dict[EffectKey, list[list[Hypothesis]]] = {}
     for group in sets.library:
         if group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
             by_form.setdefault(form_of(group[0]), []).append(group)
-    scores = {form: best_forms(regression, some)[0] for form, some in by_form.items()}
-    own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
+    scores = {form: best_forms(regression, groups)[0] for form, groups in by_form.items()}
+    gain = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
     competing = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
-    return [score.hypothesis for score in competing[: TUNING.whole] if score.gain > own - TUNING.nearly * LN10]
+    return [score.hypothesis for score in competing[: TUNING.alternatives] if score.gain > gain - TUNING.nearly * LN10]
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Unexplained joints
 # ---------------------------------------------------------------------------------------------------------------
-def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
+def _without_substitutes(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     """The set without effects of unexplained joints, unless they explain most of the excess."""
     case = sets.case
     for joint in case.unexplained(chosen.fitted_effects, chosen.predicted):
         of_joint = chosen.in_joint(joint - 1)
-        others = sets.settled(chosen.without(*of_joint), chosen.data, ())
+        others = sets.fit(chosen.without(*of_joint), chosen.data, ())
         before, after = (
             case.cross_validation.trial.rms(one.cross_validation)[joint - 1] ** 2 for one in (others, chosen)
         )

@@ -1,4 +1,4 @@
-"""Sets of effects: each settled with signs of its own, weighed by the log, and scored by held-back data."""
+"""Sets of effects: each fitted with its own signs, with its evidence on the log and its errors on held-back data."""
 
 from __future__ import annotations
 
@@ -25,19 +25,18 @@ from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.selection.scores import best_forms, refined
 
 Forms = frozenset[EffectKey]
-"""Names of the forms of a set's effects, and their joints."""
+"""Forms of a set's effects, with their joints."""
 
 
 @dataclass(frozen=True)
 class WeighedSet:
-    """A set of effects and how probable it is."""
+    """A set of effects and its probability."""
 
     effects: tuple[EffectKey, ...]  #: names and joints
-    #: given the log, among sets that predict held-back data as well as any, and no part of which does
-    probability: float
+    probability: float  #: given the log, among minimal sets that predict held-back data equally well
 
-    def without(self, key: EffectKey, chosen: WeighedSet) -> tuple[EffectKey, ...]:
-        """What stands in the place of one effect of a chosen set; nothing where that is here as well."""
+    def instead_of(self, key: EffectKey, chosen: WeighedSet) -> tuple[EffectKey, ...]:
+        """Effects of this set in place of one of the chosen set; empty if this set has that effect too."""
         if key in self.effects:
             return ()
         return tuple(other for other in self.effects if other not in chosen.effects and set(other[1]) & set(key[1]))
@@ -45,7 +44,7 @@ class WeighedSet:
 
 @dataclass(frozen=True, eq=False)
 class EffectSet:
-    """Effects in the order in which they were added, and the explanation by them of the log, signs settled under it."""
+    """Effects in the order in which they were added, and their fit to the log, with signs estimated under it."""
 
     case: Case
     fitted_effects: FittedEffects
@@ -58,12 +57,12 @@ class EffectSet:
 
     @property
     def data(self) -> Observations:
-        """The log, its signs settled."""
+        """The log with these signs."""
         return self.fitted_effects.data
 
-    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
-        """The effects but some."""
-        return self.fitted_effects.without(*gone)
+    def without(self, *removed: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The effects without some."""
+        return self.fitted_effects.without(*removed)
 
     def in_joint(self, joint: int) -> tuple[Hypothesis, ...]:
         """The effects that act in a (0-based) joint alone."""
@@ -71,37 +70,37 @@ class EffectSet:
 
     @cached_property
     def keys(self) -> frozenset[EffectKey]:
-        """Effects and joints, whatever the form."""
+        """Effects and joints, in any form."""
         return frozenset(effect.key for effect in self.effects)
 
     @cached_property
     def forms(self) -> Forms:
-        """Names of the forms, and their joints."""
+        """Forms and joints."""
         return frozenset(form_of(effect) for effect in self.effects)
 
     @property
     def predicted(self) -> Array:
-        """(N, n) efforts of the explanation, N m."""
+        """(N, n) fitted efforts, N m."""
         return self.case.modelled.effort(self.fitted_effects)
 
     def explained(self, effects: Effects | None = None) -> FittedEffects:
-        """Its log by some effects or its own, from scratch, beside what the geometry may be wrong by in any case."""
+        """A new fit of its log by given effects or its own, with possible geometry errors."""
         return explain(self.data, self.effects if effects is None else effects, None, self.case.uncertain)
 
     @cached_property
     def log_posterior(self) -> float:
-        """Log evidence and prior, up to a constant: beside what the geometry may be wrong by in any case."""
+        """Log evidence and prior, up to a constant, with possible geometry errors."""
         return self.log_evidence_of(self.effects) + self.log_prior
 
     def log_evidence_of(self, effects: Effects) -> float:
-        """Of some effects, from this explanation on, beside what the geometry may be wrong by."""
+        """Log evidence of given effects, started from this fit, with possible geometry errors."""
         return explain(self.data, effects, self.fitted_effects, self.case.uncertain).log_evidence
 
     @cached_property
     def extension(self) -> Extension:
-        """The model with them, its parameters feasible: friction that is negative predicts what no model of it will.
+        """The extended model with feasible parameters; negative friction would predict too well.
 
-        With a learned function they stay those of the explanation: only its prior holds a function's shape.
+        With a learned function the parameters stay those of the fit, as only its prior determines a function's shape.
         """
         learned = any(isinstance(effect.source, LearnedEffect) for effect in self.effects)
         if learned and not any(effect.beyond_numbers for effect in self.effects):
@@ -110,12 +109,12 @@ class EffectSet:
 
     @cached_property
     def refitted(self) -> Extension:
-        """The model with them and feasible parameters."""
+        """The extended model with feasible parameters."""
         return self.case.refitted(self.case.modelled.extended(self.fitted_effects), self.predicted)
 
     @cached_property
     def cross_validation(self) -> Array:
-        """(N, n) what the model with them leaves of the held-back data, N m, zero where they do not count."""
+        """(N, n) residual of the extended model on held-back data, N m; zero for samples that do not count."""
         return self._held_back(self.extension.theta)
 
     @property
@@ -123,9 +122,9 @@ class EffectSet:
         """The same by blocks."""
         return self.case.cross_validation.errors(self.cross_validation)
 
-    def held_back_less(self, term: Effect) -> Array:
-        """(N, n) the same with a term of it at zero, all else as it is."""
-        parts = [amplitudes * (one != term) for one, amplitudes in self.extension.model.parts(self.extension.theta)]
+    def cross_validation_without(self, term: Effect) -> Array:
+        """(N, n) the same with a term set to zero and other parameters unchanged."""
+        parts = [size * (other != term) for other, size in self.extension.model.parts(self.extension.theta)]
         return self._held_back(np.concatenate(parts))
 
     def _held_back(self, theta: Array) -> Array:
@@ -140,72 +139,74 @@ def form_of(effect: Hypothesis) -> EffectKey:
     return effect.source.name, effect.joints
 
 
-def score(some: Sequence[EffectSet]) -> None:
-    """Makes ready what sets leave of the held-back data, in several processes: each is fitted again, in the cone."""
-    left = [one for one in some if "cross_validation" not in vars(one)]
-    for one, residual in zip(
-        left, in_parallel([partial(getattr, one, "cross_validation") for one in left]), strict=True
-    ):
-        vars(one)["cross_validation"] = residual  # as a cached property keeps it
+def score(sets: Sequence[EffectSet]) -> None:
+    """Computes the `cross_validation` of sets in several processes."""
+    missing = [one for one in sets if "cross_validation" not in vars(one)]
+    residuals = in_parallel([partial(getattr, one, "cross_validation") for one in missing])
+    for one, residual in zip(missing, residuals, strict=True):
+        vars(one)["cross_validation"] = residual  # where the cached property keeps it
 
 
 @dataclass(frozen=True, eq=False)
 class EffectSets:
-    """Sets that were looked at: of the same forms (`found`) with different numbers the likeliest."""
+    """Fitted sets, and the most probable one of each combination of forms (`found`)."""
 
     case: Case
     library: Library
     found: dict[Forms, EffectSet] = field(default_factory=dict)
-    _settled: dict[tuple[object, ...], tuple[EffectSet, object]] = field(default_factory=dict)
+    _fits: dict[tuple[object, ...], tuple[EffectSet, object]] = field(default_factory=dict)
 
-    def settled(
+    def fit(
         self,
         effects: Effects,
         data: Observations,
         joints: Collection[int] | None = None,
         kept: Hypothesis | None = None,
     ) -> EffectSet:
-        """Effects in their best forms, with their best numbers, signs settled under them; the data under nearly these.
+        """Fits effects in their best forms and with their best numbers, and estimates the signs under them.
 
-        Effects that act in none of some (0-based) joints keep their forms and numbers; by default none does. The form
-        of the one that is kept stays while its numbers may change.
+        Args:
+            effects: the effects.
+            data: the log with signs under similar effects.
+            joints: (0-based) joints whose effects may change their form and numbers; by default all.
+            kept: an effect that keeps its form, though not its numbers.
         """
         key = (*sorted(joints or ()), joints is None, id(kept), *(id(effect) for effect in effects))
-        if key not in self._settled:
-            asked = (*effects, kept)  # lest others take their ids
+        if key not in self._fits:
+            alive = (*effects, kept)  # so that their ids stay unique
             effects = refined(data, self._in_best_forms(effects, data, joints, kept), self.library, joints)
             fitted_effects = self.case.modelled.sharpened(data, effects)
-            data = replace(self.case.settled(fitted_effects), reference=data.reference)
+            data = replace(self.case.data_under(fitted_effects), reference=data.reference)
             fitted_effects = explain(data, fitted_effects.effects, fitted_effects)
             made = EffectSet(self.case, fitted_effects, sum(map(self.log_prior, fitted_effects.effects)))
-            self._settled[key] = made, asked
+            self._fits[key] = made, alive
             other = self.found.get(made.forms)
             if other is None or made.log_posterior > other.log_posterior:
                 self.found[made.forms] = made
-        return self._settled[key][0]
+        return self._fits[key][0]
 
     def fewer(self, chosen: EffectSet) -> list[EffectSet]:
-        """A set without each of its effects, numbers and signs in their joints found anew."""
-        return [self.settled(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
+        """The sets without one of its effects, numbers and signs in its joints fitted again."""
+        return [self.fit(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
 
     def anchored(self, chosen: EffectSet) -> EffectSet:
-        """A set that others are compared with: where they have the same effects, what is left is judged alike."""
+        """The set as a reference: sets with the same effects are compared under its error model."""
         anchor = explain(replace(chosen.data, reference=None), chosen.effects)
         return replace(
             chosen, fitted_effects=replace(chosen.fitted_effects, data=replace(chosen.data, reference=anchor))
         )
 
     @property
-    def looked_at(self) -> int:
-        """Sets that were settled so far."""
-        return len(self._settled)
+    def n_fitted(self) -> int:
+        """Number of sets fitted so far."""
+        return len(self._fits)
 
     def quick(self, effects: Effects, data: Observations) -> float:
-        """Log posterior of effects in these forms, with signs as they are."""
+        """Log posterior of effects in these forms and with these signs."""
         return explain(data, effects).log_evidence + sum(map(self.log_prior, effects))
 
     def log_prior(self, effect: Hypothesis) -> float:
-        """Of an effect in one form to be missing, over nothing to be missing in its place."""
+        """Log prior odds of an effect in one form against no missing effect."""
         limits = self.case.thresholds
         share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
         places = self.case.trial.used.shape[1] if effect.joints else 1
@@ -218,16 +219,15 @@ class EffectSets:
     def _in_best_forms(
         self, effects: Effects, data: Observations, joints: Collection[int] | None, kept: Hypothesis | None
     ) -> list[Hypothesis]:
-        """Each effect in the form that is likeliest beside the others.
+        """Each effect in its most probable form beside the others.
 
-        A distortion in the one that explains most: thresholds and lags that are far off leave what looks like slow
-        noise, which they are then judged by.
+        Distortions are compared with plain errors: wrong thresholds and lags leave residuals that resemble slow noise.
         """
         effects = list(effects)
         for k, effect in enumerate(effects):
             elsewhere = joints is not None and effect.columns.joints.isdisjoint(joints)
             if elsewhere or self._forms[effect.key] == 1:
-                continue  # there is no other, and a distortion's number is better than the library's
+                continue  # the number of a distortion is better than the library's
             others = explain(data, [*effects[:k], *effects[k + 1 :]])
             groups = self._forms_of(effect, effects, data)
             if effect is kept:
@@ -238,7 +238,7 @@ class EffectSets:
         return effects
 
     def _forms_of(self, effect: Hypothesis, effects: Effects, data: Observations) -> Library:
-        """The library's forms of an effect; of a distortion those about what all effects together make."""
+        """The library's forms of an effect; those of a distortion about the effort by all effects."""
         if effect.source.linear:
             return [group for group in self.library if group[0].key == effect.key]
         modelled = self.case.modelled
@@ -247,10 +247,10 @@ class EffectSets:
 
 
 def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSet, ...]:
-    """Sets and their probabilities, those of the same effects in other forms as one; likeliest first.
+    """Sets and their probabilities, most probable first; sets of the same effects in other forms are one.
 
-    The smallest sets come likeliest first; what was added to the first or left out of it, until it became the chosen
-    one, was so of all.
+    The smallest sets come most probable first. The effects in which the first differs from the chosen set are added to
+    all, or left out of all.
     """
     logs = np.array([one.log_posterior for one in smallest])
     probability: dict[frozenset[EffectKey], float] = {}
@@ -267,7 +267,7 @@ def _in_order(keys: frozenset[EffectKey], chosen: EffectSet) -> tuple[EffectKey,
 
 
 def costs(sets: EffectSets, chosen: EffectSet) -> tuple[Cost, ...]:
-    """Of each effect of a chosen set: of the set without it, numbers and signs found anew, and of the set itself."""
+    """Errors of a chosen set, and of the set without each effect, numbers and signs fitted again."""
     trial, without = sets.case.cross_validation.trial, sets.fewer(chosen)
     score([chosen, *without])
     after, effort = trial.rms(chosen.cross_validation), trial.rms(np.where(trial.used, trial.magnitude, 0.0))

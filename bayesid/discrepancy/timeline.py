@@ -1,12 +1,12 @@
 """Evidence of each of several logs alone: for effects, and for parameters, which form a time line.
 
 An effect was missing in all logs if each log alone confirms it by model selection. If a log does not, the effect is
-absent or the log is too short or too slow to show it. The size in the other log decides: with a the amplitudes here, C
-their covariance and b the size there,
+absent, or the log is too short or too slow to show it. This is decided with the effect's size in another log: with a
+the amplitudes in this log, C their covariance and b the amplitudes in the other log, the effect is absent if
 
     log p(log | b) - log p(log | 0) = a' C^-1 b - b' C^-1 b / 2
 
-is decisive against the effect, or the log does not decide.
+is decisive against it.
 
 A parameter's change since the first log is given in standard deviations of the difference of independent
 identifications. These include coloured noise, by effective samples, and effects that the model may lack
@@ -50,16 +50,12 @@ SHOWN, ABSENT, OPEN = "shown", "absent", "cannot tell"
 # Effects
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Standing:
-    """Evidence of a log about an effect: `SHOWN`, `ABSENT` or `OPEN`.
+class LogEvidence:
+    """Evidence of a log about an effect."""
 
-    The Bayes factor is for the effect beside all others, NaN if not confirmed. The ratio is for its size in the other
-    log against zero, NaN if unknown.
-    """
-
-    says: str
-    log10_bayes_factor: float = np.nan
-    log10_ratio: float = np.nan
+    says: str  #: `SHOWN`, `ABSENT` or `OPEN`
+    log10_bayes_factor: float = np.nan  #: for the effect beside all others; NaN if not confirmed
+    log10_ratio: float = np.nan  #: likelihood ratio of its size in the other log against zero; NaN if unknown
 
 
 def key_of(effect: Effect) -> EffectKey:
@@ -74,40 +70,38 @@ def without(model: Model, keys: Sequence[EffectKey]) -> Model:
 
 
 def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, float]:
-    """Effects that a run's log confirms alone, beside the rest of its model, with their log10 Bayes factors."""
+    """Effects that a run's log confirms alone, beside the other effects, with their log10 Bayes factors."""
     if not effects:
         return {}
     log_data = _log_data(run, without(run.model, [key_of(effect) for effect in effects]))
     fit = fit_signed(log_data, 2.0 * run.probability - 1.0)
-    wanted = confirmed(log_data, fit, run.probability, effects)
-    return {(effect.effect, effect.joints): effect.log10_bayes_factor for effect in wanted.effects}
+    found = confirmed(log_data, fit, run.probability, effects)
+    return {(effect.effect, effect.joints): effect.log10_bayes_factor for effect in found.effects}
 
 
 def missing_preexisting(model: Model, again: Identification) -> tuple[EffectKey, ...]:
     """Non-standard effects of an earlier model that a later log confirms alone."""
-    beyond = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
-    shown = shown_by(again, [one for one in again.model.effects if key_of(one) in {key_of(other) for other in beyond}])
-    return tuple(key_of(one) for one in beyond if key_of(one) in shown)
+    extra = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
+    beyond = list(map(key_of, extra))
+    shown = shown_by(again, [one for one in again.model.effects if key_of(one) in beyond])
+    return tuple(key for key in beyond if key in shown)
 
 
-def standing(
+def log_evidence(
     run: Identification, effect: Effect, confirmed: Mapping[EffectKey, float], other: Identification
-) -> Standing:
-    """Evidence of a log about an effect that another log shows; `confirmed` is the result of `shown_by`.
-
-    The effect has its numbers in the other log.
-    """
+) -> LogEvidence:
+    """Evidence of a log about an effect with its numbers in another log; `confirmed` is the result of `shown_by`."""
     linear = bool(effect.parameters(run.model.robot))
     ratio = _of_amplitudes(run, effect, other) if linear else _of_distortion(run, effect)
     if key_of(effect) in confirmed:
-        return Standing(SHOWN, confirmed[key_of(effect)], ratio)
-    return Standing(ABSENT if ratio <= -TUNING.decisive else OPEN, np.nan, ratio)
+        return LogEvidence(SHOWN, confirmed[key_of(effect)], ratio)
+    return LogEvidence(ABSENT if ratio <= -TUNING.decisive else OPEN, np.nan, ratio)
 
 
 def _of_amplitudes(run: Identification, effect: Effect, other: Identification) -> float:
-    """log10 p(log | amplitudes in the other log) - log10 p(log | none); NaN where either log does not show them."""
-    own = [parameter.name for parameter in effect.parameters(run.model.robot)]
-    names = [name for name in own if name in run.coefficients.names and name in other.coefficients.names]
+    """log10 p(log | amplitudes in the other log) - log10 p(log | none); NaN if either log does not show them."""
+    names = [parameter.name for parameter in effect.parameters(run.model.robot)]
+    names = [name for name in names if name in run.coefficients.names and name in other.coefficients.names]
     here, there = ([side.coefficients.names.index(name) for name in names] for side in (run, other))
     covariance = run.fit.covariance[np.ix_(here, here)]
     if not names or not np.isfinite(covariance).all() or not np.isfinite(other.fit.sd[there]).all():
@@ -146,15 +140,11 @@ def _log_data(run: Identification, model: Model) -> LogData:
 class TrackedParameter:
     """A coefficient of the time line."""
 
-    name: str
-    """Its leading parameter."""
-    expression: str
-    """Sum of parameters."""
+    name: str  #: its leading parameter
+    expression: str  #: sum of parameters
     unit: str
-    effect: str
-    """Catalogue name of the form of its leading parameter."""
-    joint: int
-    """From 1."""
+    effect: str  #: catalogue name of the form of its leading parameter
+    joint: int  #: from 1
 
     @property
     def plain(self) -> bool:
@@ -164,7 +154,7 @@ class TrackedParameter:
 
 @dataclass(frozen=True)
 class Timeline:
-    """C coefficients of one model over K logs, each identified alone; NaN if a log does not show one.
+    """C coefficients of one model over K logs, each identified alone; NaN if not identifiable from a log.
 
     Attributes:
         tracked: (C,) names and units.
@@ -214,9 +204,9 @@ class Timeline:
 
 
 def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Timeline:
-    """The time line of K identifications of one model, each from its own log; (K,) whether a payload has come since.
+    """The time line of K identifications of one model, each from its own log; (K,) `loaded`: with a new payload.
 
-    They are without a posterior, whose prior would pull all to the same values.
+    Least-squares estimates are used, as the prior of a posterior would pull all logs to the same values.
     """
     first = runs[0]
     tracked = _tracked(first)
@@ -228,21 +218,21 @@ def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Tim
     masses = [(0.0, 0.0)]
     for k in range(1, len(runs)):
         known = np.isfinite(sd[0]) & np.isfinite(sd[k])
-        shown = ((first, places[0][known]), (runs[k], places[k][known]))
-        covariance = np.sum([run.fit.covariance[np.ix_(place, place)] for run, place in shown], axis=0)
+        both = ((first, places[0][known]), (runs[k], places[k][known]))
+        covariance = np.sum([run.fit.covariance[np.ix_(place, place)] for run, place in both], axis=0)
         difference = value[k] - value[0]
         columns = _last_link(first)[places[0][known]] if loaded[k] else np.zeros((int(known.sum()), 0))
-        rest = without_payload(difference[known], covariance, columns)
+        result = without_payload(difference[known], covariance, columns)
         change[k] = np.where(known, 0.0, np.nan)
-        change[k, known], change_sd[k, known], of_payload[k, known] = rest.change, rest.sd, rest.of_payload
-        masses.append(rest.mass)
+        change[k, known], change_sd[k, known], of_payload[k, known] = result.change, result.sd, result.of_payload
+        masses.append(result.mass)
     line = Timeline(tracked, value, sd, change, change_sd, of_payload, np.full_like(value, np.nan))
     line = _with_payload(line, masses, loaded) if any(loaded) else line
     return replace(line, p=_corrected(line))
 
 
 @dataclass(frozen=True)
-class Rest:
+class PayloadFit:
     """Differences of m coefficients after a payload is fitted."""
 
     change: Array  # (m,) not explained by the payload
@@ -251,29 +241,32 @@ class Rest:
     mass: tuple[float, float]  # kg, and its standard deviation; NaN without columns
 
 
-def without_payload(difference: Array, covariance: Array, columns: Array) -> Rest:
-    """Takes a body on the last link out of differences of coefficients, by generalised least squares.
+def without_payload(difference: Array, covariance: Array, columns: Array) -> PayloadFit:
+    """Removes a body on the last link from differences of coefficients, by generalised least squares.
 
-    Differences (m,) with their covariance (m, m); columns (m, 10) by which a body's parameters, the mass last, add to
-    them, or (m, 0). Coefficients that it does not touch have no say: they may have moved by themselves.
+    Args:
+        difference: (m,) differences.
+        covariance: (m, m) of these.
+        columns: (m, 10) by which a body's parameters, the mass last, add to them; or (m, 0). Coefficients with zero
+            columns do not affect the fit, as they may have changed for other reasons.
     """
     variance, none = np.diag(covariance), np.zeros_like(difference)
-    touched = np.any(columns != 0.0, axis=1) & (variance > 0.0)  # what an equality fixes is not compared
+    touched = np.any(columns != 0.0, axis=1) & (variance > 0.0)  # without coefficients fixed by an equality
     if not touched.any():
-        return Rest(difference, np.sqrt(variance), none, (np.nan, np.nan))
+        return PayloadFit(difference, np.sqrt(variance), none, (np.nan, np.nan))
     scale = 1.0 / np.sqrt(variance[touched])
-    sizes, turn = np.linalg.eigh(scale[:, None] * covariance[np.ix_(touched, touched)] * scale)
-    free = sizes > RIDGE * sizes[-1]
-    white = (turn[:, free] / np.sqrt(sizes[free])).T * scale
+    values, vectors = np.linalg.eigh(scale[:, None] * covariance[np.ix_(touched, touched)] * scale)
+    free = values > RIDGE * values[-1]
+    white = (vectors[:, free] / np.sqrt(values[free])).T * scale
     rows = white @ columns[touched]
     size = np.linalg.norm(rows, axis=0)
     size[size == 0.0] = 1.0
     inverse = np.linalg.pinv(rows / size) / size[:, None]
     body, spread = inverse @ (white @ difference[touched]), inverse @ inverse.T
-    left = variance - np.einsum("ip,pq,iq->i", columns, spread, columns)
-    sd = np.where(left > 1e-6 * variance, np.sqrt(np.maximum(left, 0.0)), np.nan)
+    remaining = variance - np.einsum("ip,pq,iq->i", columns, spread, columns)
+    sd = np.where(remaining > 1e-6 * variance, np.sqrt(np.maximum(remaining, 0.0)), np.nan)
     mass = (float(body[-1]), float(np.sqrt(spread[-1, -1]))) if spread[-1, -1] > 0.0 else (np.nan, np.nan)
-    return Rest(difference - columns @ body, sd, columns @ body, mass)
+    return PayloadFit(difference - columns @ body, sd, columns @ body, mass)
 
 
 def _corrected(line: Timeline) -> Array:
@@ -285,10 +278,10 @@ def _corrected(line: Timeline) -> Array:
 
 
 def holm(p: Array) -> Array:
-    """(m,) p values, corrected: those below a level are wrong in any of them with no more than that probability.
+    """(m,) p values corrected for m tests, which bounds the probability of any false positive.
 
-    Whatever the values' dependence (S. Holm, "A simple sequentially rejective multiple test procedure", Scandinavian
-    Journal of Statistics 6, 65, 1979): all changes here share the first log's errors.
+    Valid for dependent tests, which share the first log's errors (S. Holm, "A simple sequentially rejective multiple
+    test procedure", Scandinavian Journal of Statistics 6, 65, 1979).
     """
     order, m = np.argsort(p, kind="stable"), len(p)
     corrected = np.empty(m)
@@ -297,10 +290,11 @@ def holm(p: Array) -> Array:
 
 
 def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded: Sequence[bool]) -> Timeline:
-    """With the payload's mass as one more parameter; what it is beyond the first log's."""
+    """With the payload's mass beyond that of the first log as one more parameter."""
     mass, sd = (np.array(column)[:, None] for column in zip(*masses, strict=True))
-    there = np.array(loaded)[:, None]
-    value, change_sd, sd = np.where(there, mass, np.nan), np.where(there, sd, np.nan), np.where(there, sd, np.inf)
+    with_body = np.array(loaded)[:, None]
+    value, change_sd = np.where(with_body, mass, np.nan), np.where(with_body, sd, np.nan)
+    sd = np.where(with_body, sd, np.inf)
     value[0], sd[0] = 0.0, 0.0
     columns = (value, sd, value, change_sd, np.zeros_like(mass), np.full_like(mass, np.nan))
     known = (line.value, line.sd, line.change, line.change_sd, line.of_payload, line.p)
@@ -316,13 +310,13 @@ def _tracked(run: Identification) -> tuple[TrackedParameter, ...]:
 
 
 def _places(tracked: Sequence[TrackedParameter], run: Identification) -> Array:
-    """(C,) where an identification has each of the parameters; -1 where it has not."""
+    """(C,) indices of the parameters in an identification; -1 if it lacks one."""
     keys = list(zip(run.coefficients.names, run.coefficients.expressions, strict=True))
     return np.array([keys.index(key) if (key := (one.name, one.expression)) in keys else -1 for one in tracked])
 
 
 def _last_link(run: Identification) -> Array:
-    """(r, 10) by which the parameters of the last link add to the coefficients: those of a body that it carries too."""
+    """(r, 10) by which the parameters of the last link, or of a payload, add to the coefficients."""
     last = 0
     for term in run.model.terms:
         last += len(term.parameters(run.model.robot))

@@ -1,4 +1,4 @@
-"""Effects without a name: where the catalogue leaves a joint above the noise floor, a function is learned."""
+"""Learned effects: functions of joints that the catalogue leaves above the noise floor."""
 
 from __future__ import annotations
 
@@ -20,58 +20,56 @@ from bayesid.regression.selection.regression import Effects, explain
 def learn_effects(
     state: EffectSet, log_prior: Callable[[Hypothesis], float]
 ) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
-    """Functions for all joints that stay above the floor, and those that held-back data do not bear out.
+    """Adds functions in joints that stay above the floor; also returns those that held-back data do not confirm.
 
-    Where effects of the catalogue act in such a joint they may be stand-ins: a function is learned beside them and, if
-    none helps, in their place. Those without which held-back data are predicted better, surely, are refused. Several
-    effects of the catalogue that reach the floor in a joint together may be stand-ins too, for one function that is
-    likelier than all of them. The prior is of an effect of the catalogue to be missing, over nothing to be missing in
-    its place.
+    Effects of the catalogue in such a joint may be substitutes for an effect outside the catalogue. A function is
+    learned beside them and, if none helps, in their place; effects without which the prediction of held-back data is
+    significantly better are refused. Several effects in a joint at the floor may also be substitutes: one function
+    replaces them if it is more probable. `log_prior` is the log prior odds of an effect of the catalogue.
     """
     refused: list[tuple[EffectSet, Hypothesis]] = []
-    for joint in _left(state):
-        learned, gone = _in_joint(state, joint)
-        own = state.in_joint(joint - 1)
-        if own and (learned is state or joint in _left(learned)):
-            others = state.without(*own)
-            alone, gone_too = _in_joint(_settled(others, state), joint)
+    for joint in _above_floor(state):
+        learned, rejected = _in_joint(state, joint)
+        of_joint = state.in_joint(joint - 1)
+        if of_joint and (learned is state or joint in _above_floor(learned)):
+            others = state.without(*of_joint)
+            alone, rejected_alone = _in_joint(_refit(others, state), joint)
             before, after = learned.cross_validation_errors, alone.cross_validation_errors
             if confirms(after, before, {joint - 1}, state.case.thresholds.held_back_improvement):
-                nothing = len(alone.effects) == len(others)
-                learned, gone = alone, [*((state, effect) for effect in own if nothing), *gone_too]
+                none_learned = len(alone.effects) == len(others)
+                learned, rejected = alone, [*((state, effect) for effect in of_joint if none_learned), *rejected_alone]
             elif learned is state:
-                gone = gone or gone_too
-        state, refused = learned, refused + gone
-    for joint in _of_several(state):
+                rejected = rejected or rejected_alone
+        state, refused = learned, refused + rejected
+    for joint in _with_several(state):
         state = _by_one_function(state, joint, log_prior)
     return state, refused
 
 
-def _of_several(state: EffectSet) -> list[int]:
-    """Joints (from 1) in which several effects of the catalogue act alone, and none without a name."""
-    own = [next(iter(effect.columns.joints)) + 1 for effect in state.effects if len(effect.columns.joints) == 1]
+def _with_several(state: EffectSet) -> list[int]:
+    """Joints (from 1) with several effects of the catalogue that act in it alone, and without a learned one."""
+    joints = [next(iter(effect.columns.joints)) + 1 for effect in state.effects if len(effect.columns.joints) == 1]
     learned = {joint for effect in state.effects if isinstance(effect.source, LearnedEffect) for joint in effect.joints}
-    return sorted(joint for joint, count in Counter(own).items() if count > 1 and joint not in learned)
+    return sorted(joint for joint, count in Counter(joints).items() if count > 1 and joint not in learned)
 
 
 def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothesis], float]) -> EffectSet:
-    """One function in the place of several effects in a joint (from 1), where it is likelier and predicts as well.
+    """One function in place of several effects in a joint (from 1), if it is more probable and predicts as well.
 
-    A function that explains less than half of what they do, before its signs are settled, is not looked at closely.
+    Functions that explain less than half of what the effects explain, before signs are estimated again, are not tried.
     """
-    needed, limits, own = state.case.needed, state.case.thresholds, state.in_joint(joint - 1)
-    others = state.without(*own)
-    bare = _settled(others, state)
+    needed, limits, of_joint = state.case.needed, state.case.thresholds, state.in_joint(joint - 1)
+    bare = _refit(state.without(*of_joint), state)
     finder, evidence = _finder(bare, joint), _log_evidence(state)
     least = max(needed, TUNING.near_best * (evidence - _log_evidence(bare)))
     ranked = finder.ranked(bare.explained())
-    grown = _borne_out(finder, bare, [one for one in ranked if one.gain > least], needed)
-    if grown is None:
+    found = _best_confirmed(finder, bare, [function for function in ranked if function.gain > least], needed)
+    if found is None:
         return state
-    function = grown[1]
+    extended, function = found
     prior = np.log(limits.something_else / limits.nothing_missing / state.data.used.shape[1]) - function.price
-    gain = _log_evidence(grown[0]) + prior - evidence - sum(map(log_prior, own))
-    by_one = _merged(finder, grown[0], [function])
+    gain = _log_evidence(extended) + prior - evidence - sum(map(log_prior, of_joint))
+    by_one = _merged(finder, extended, [function])
     if gain < needed or confirms(
         state.cross_validation_errors, by_one.cross_validation_errors, {joint - 1}, limits.held_back_improvement
     ):
@@ -80,13 +78,13 @@ def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothes
 
 
 def _log_evidence(state: EffectSet) -> float:
-    """Of a set, judged by what it leaves itself."""
-    own = replace(state.fitted_effects, data=replace(state.data, reference=None))
-    return replace(state, fitted_effects=own).log_evidence_of(state.effects)
+    """Log evidence of a set under the error model of its own residual."""
+    fitted = replace(state.fitted_effects, data=replace(state.data, reference=None))
+    return replace(state, fitted_effects=fitted).log_evidence_of(state.effects)
 
 
-def _left(state: EffectSet) -> list[int]:
-    """Joints (from 1) whose residual is surely above a sharp floor, on the log or on held-back data, worst first."""
+def _above_floor(state: EffectSet) -> list[int]:
+    """Joints (from 1) with a residual significantly above a sharp floor, on the log or held-back data, worst first."""
     case, predicted, unseen = state.case, state.predicted, state.cross_validation_errors
     floor, gap, on_log = (
         case.floor(predicted),
@@ -99,33 +97,34 @@ def _left(state: EffectSet) -> list[int]:
 
 
 def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
-    """A learned effect in a joint (from 1), if held-back data bear it out."""
+    """A learned effect in a joint (from 1), if held-back data confirm it; else the effect that they reject."""
     found: list[Learned] = []
     passed: list[Learned] = []
     needed, now, finder = state.case.needed, state, _finder(state, joint)
     while len(found) < TUNING.most_functions and not (found and _is_noise(now, joint, needed)):
         ranked = finder.ranked(now.explained())
         passed = [learned for learned in ranked if learned.gain > needed]
-        grown = _borne_out(finder, now, passed, needed)
-        if grown is None:
+        confirmed = _best_confirmed(finder, now, passed, needed)
+        if confirmed is None:
             break
-        now, found = _fitted_again(finder, grown[0], [*found, grown[1]], needed)
+        now, found = _fitted_again(finder, confirmed[0], [*found, confirmed[1]], needed)
     if not found:
-        return state, [(_settled((*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
+        return state, [(_refit((*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
     merged = _merged(finder, now, found)
     if not _explains_most(state, merged, joint):
         return state, [(merged, merged.effects[-1])]
-    return _without_stand_ins(merged, merged.effects[-1], needed), []
+    return _without_unnecessary(merged, merged.effects[-1], needed), []
 
 
-def _explains_most(before: EffectSet, after: EffectSet, joint: int) -> bool:
-    """Whether a function explains most of what held-back data show in a joint (from 1): else it is a stand-in itself.
+def _explains_most(without: EffectSet, with_function: EffectSet, joint: int) -> bool:
+    """Whether a function explains most of the excess on held-back data in a joint (from 1).
 
-    Of a table that is off, say: any effect of a joint that stays above the floor is kept by the same share.
+    Otherwise it is a substitute for another error, such as that of the robot's table. Effects of the catalogue need the
+    same share.
     """
-    without, rest = (one.cross_validation_errors.rms[joint - 1] ** 2 for one in (before, after))
-    excess = without - before.data.floor[joint - 1] ** 2
-    return bool(without - rest >= TUNING.explained_share * excess)
+    before, after = (state.cross_validation_errors.rms[joint - 1] ** 2 for state in (without, with_function))
+    excess = before - without.data.floor[joint - 1] ** 2
+    return bool(before - after >= TUNING.explained_share * excess)
 
 
 def _finder(state: EffectSet, joint: int) -> Finder:
@@ -134,60 +133,56 @@ def _finder(state: EffectSet, joint: int) -> Finder:
 
 
 def _merged(finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
-    """The set with some of its functions as one effect, the last."""
+    """The set with given functions merged into one effect, its last."""
     number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in state.case.model.terms)
     merged = finder.merged(found, [state.fitted_effects.amplitude_of(one.hypothesis) for one in found], number)
-    return _settled((*_others(state, found), merged), state)
+    return _refit((*_others(state, found), merged), state)
 
 
-def _without_stand_ins(state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
-    """Without the effects of the same joint that the learned one makes needless, the most needless first."""
-    while own := [e for e in state.effects if e is not learned and e.columns.joints == learned.columns.joints]:
-        whole, sets = state.log_evidence_of(state.effects), [state.without(one) for one in own]
-        without = [state.log_evidence_of(some) for some in sets]
-        most = int(np.argmax(without))
-        if whole - without[most] > needed:
+def _without_unnecessary(state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
+    """Without effects of the same joint that are unnecessary beside the learned one, the least necessary first."""
+    while others := [e for e in state.effects if e is not learned and e.columns.joints == learned.columns.joints]:
+        whole, sets = state.log_evidence_of(state.effects), [state.without(one) for one in others]
+        without = [state.log_evidence_of(effects) for effects in sets]
+        least = int(np.argmax(without))
+        if whole - without[least] > needed:
             break
-        state = _settled(sets[most], state)
+        state = _refit(sets[least], state)
     return state
 
 
 def _is_noise(state: EffectSet, joint: int, needed: float) -> bool:
-    more = state.fitted_effects.free_evidence - state.fitted_effects.noise_evidence
-    return bool(more[joint - 1] <= needed)
+    excess = state.fitted_effects.free_evidence - state.fitted_effects.noise_evidence
+    return bool(excess[joint - 1] <= needed)
 
 
-def _borne_out(
-    finder: Finder, state: EffectSet, passed: Sequence[Learned], needed: float
+def _best_confirmed(
+    finder: Finder, state: EffectSet, functions: Sequence[Learned], needed: float
 ) -> tuple[EffectSet, Learned] | None:
-    """The best of some functions, its form chosen again by what it leaves, if held-back data bear it out.
+    """The best of given functions, its form chosen again under its own errors, if held-back data confirm it.
 
-    One that goes on beyond the range seen, and fails, is tried once more as a smooth function; so are others that the
-    log cannot tell from it.
+    If it extrapolates and fails, smooth functions that the log cannot distinguish from it are tried too.
     """
-    if not passed:
+    if not functions:
         return None
     before = state.cross_validation_errors
-    first, _ = _best_of(state, passed)
+    first, _ = _best_of(state, functions)
     for bounded in (False, True):
         errors = first.fitted_effects.errors
         ranked = finder.ranked(first.explained(state.effects), errors, bounded=bounded)
         again = [learned for learned in ranked if learned.gain > needed]
         if not again:
             break
-        more, one = _best_of(first, again, state.effects)
-        if _helps(more, before, one.hypothesis):
-            return more, one
+        extended, function = _best_of(first, again, state.effects)
+        if _confirmed_alone(extended, before, function.hypothesis):
+            return extended, function
     return None
 
 
-def _helps(state: EffectSet, before: CrossValidation, learned: Hypothesis) -> bool:
-    """Whether held-back data confirm a function by itself, without changes of the other parameters.
-
-    What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
-    """
+def _confirmed_alone(state: EffectSet, before: CrossValidation, learned: Hypothesis) -> bool:
+    """Whether held-back data confirm a function itself, and not only the changes of other parameters beside it."""
     after, joints = state.cross_validation_errors, learned.columns.joints
-    without = state.case.cross_validation.errors(state.held_back_less(learned.source))
+    without = state.case.cross_validation.errors(state.cross_validation_without(learned.source))
     least = state.case.thresholds.held_back_improvement
     return all(confirms(after, other, joints, least) for other in (before, without))
 
@@ -195,47 +190,48 @@ def _helps(state: EffectSet, before: CrossValidation, learned: Hypothesis) -> bo
 def _best_of(
     state: EffectSet, functions: Sequence[Learned], effects: Effects | None = None
 ) -> tuple[EffectSet, Learned]:
-    """The function that explains the log best once signs are settled under each: wrong signs hide what is there.
+    """The function that explains the log best with signs estimated under it, beside `effects` (default: the state's).
 
-    They stand beside `effects`; by default beside those of the state.
+    Under wrong signs its gain is underestimated.
     """
     beside = state.effects if effects is None else effects
     tried = []
-    for one in (one for one in functions if one.gain > TUNING.near_best * functions[0].gain):
-        settled = _settled((*beside, one.hypothesis), state)
-        tried.append((_settled(settled.effects, settled), one))
+    for function in (one for one in functions if one.gain > TUNING.near_best * functions[0].gain):
+        refit = _refit((*beside, function.hypothesis), state)
+        tried.append((_refit(refit.effects, refit), function))
     return max(tried, key=lambda pair: pair[0].fitted_effects.log_evidence)
 
 
 def _fitted_again(
     finder: Finder, state: EffectSet, found: list[Learned], needed: float
 ) -> tuple[EffectSet, list[Learned]]:
-    """Each function chosen again beside the others, now that they are known; what is needless goes."""
+    """Each function chosen again beside the others, and without unnecessary ones."""
     for one in list(found) if len(found) > 1 else []:
         others, errors = _others(state, [one]), state.fitted_effects.errors
         best = next(iter(finder.ranked(state.explained(others), errors)), None)
         if best is not None and best.gain > needed and best.form.variables != one.form.variables:
-            state = _settled((*others, best.hypothesis), state)
+            state = _refit((*others, best.hypothesis), state)
             found = [best if other is one else other for other in found]
-    return _without_needless(state, found, needed)
+    return _fewer_functions(state, found, needed)
 
 
-def _others(state: EffectSet, gone: Sequence[Learned]) -> tuple[Hypothesis, ...]:
-    return state.without(*(one.hypothesis for one in gone))
+def _others(state: EffectSet, removed: Sequence[Learned]) -> tuple[Hypothesis, ...]:
+    return state.without(*(one.hypothesis for one in removed))
 
 
-def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> tuple[EffectSet, list[Learned]]:
-    """Without the functions that later ones have made needless, the most needless first."""
+def _fewer_functions(state: EffectSet, found: list[Learned], needed: float) -> tuple[EffectSet, list[Learned]]:
+    """Without functions that later ones have made unnecessary, the least necessary first."""
     while len(found) > 1:
         evidence = [explain(state.data, _others(state, [one]), state.fitted_effects).log_evidence for one in found]
-        most = int(np.argmax(evidence))
-        if state.fitted_effects.log_evidence - evidence[most] > needed:
+        least = int(np.argmax(evidence))
+        if state.fitted_effects.log_evidence - evidence[least] > needed:
             break
-        state = _settled(_others(state, [found[most]]), state)
-        found = [one for one in found if one is not found[most]]
+        state = _refit(_others(state, [found[least]]), state)
+        found = [one for one in found if one is not found[least]]
     return state, found
 
 
-def _settled(effects: Effects, state: EffectSet) -> EffectSet:
+def _refit(effects: Effects, state: EffectSet) -> EffectSet:
+    """Fits effects, and estimates signs under them."""
     fitted_effects = explain(state.data, effects)
-    return EffectSet(state.case, explain(state.case.settled(fitted_effects), effects, fitted_effects))
+    return EffectSet(state.case, explain(state.case.data_under(fitted_effects), effects, fitted_effects))

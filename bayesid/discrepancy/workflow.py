@@ -47,10 +47,10 @@ class Discrepancy:
     Attributes:
         status: "no_discrepancy", "explained", "partly_explained" (effects were found, but joints stay unexplained) or
             "unexplained".
-        where: where the residual of the earlier model exceeds the floor, with parameters adapted to the log as far as
-            the earlier log allows.
+        where: where the residual of the earlier model exceeds the floor, its parameters adapted within their
+            uncertainty.
         added: added effects, in this order.
-        before: (n,) gap of the earlier model on held-back data, RMS in N m.
+        before: (n,) gap of the earlier model on held-back data, RMS, N m.
         after: (n,) gap of the extended model on the same data.
         floor: noise floor.
         holdout: name of the held-back data.
@@ -60,7 +60,7 @@ class Discrepancy:
         refused: effects with enough evidence on the log that do not improve the prediction of held-back data.
         not_testable: effect and joints that this log cannot show.
         identification: identification of the extended model from the log.
-        trial: the log, or stretches of a long one; held-back samples are not used.
+        trial: the log, or stretches of a long one, without held-back samples.
         cross_validation: the held-back data.
         predicted_before: (N, n) efforts of the earlier model, N m.
         predicted_after: (N, n) efforts of the extended model, N m.
@@ -102,16 +102,16 @@ class Discrepancy:
         gaps = zip(self.before, self.after, self.floor.rms, strict=True)
         joints = [f"{j:>5}   {a:>8.4g}   {b:>8.4g}   {c:>8.4g}" for j, (a, b, c) in enumerate(gaps, start=1)]
         added = [" ".join([effect.effect, *map(str, effect.joints)]) for effect in self.added]
-        left = [f"joint {j} ({ratio:.2f} x floor)" for j, ratio in self.unexplained]
+        unexplained = [f"joint {j} ({ratio:.2f} x floor)" for j, ratio in self.unexplained]
         lines = [
             f"Discrepancy from {self.identification.log.source}: {self.status.replace('_', ' ')}",
             f"added        {', '.join(added) or 'nothing'}",
-            f"unexplained  {', '.join(left) or 'nothing'}",
+            f"unexplained  {', '.join(unexplained) or 'nothing'}",
             f"gap on {self.holdout}, RMS in N m:",
             "joint     before      after      floor",
             *joints,
             f"warnings     {len(self.warnings) or 'none'}",
-            "go on with   .added, .identification, bayesid.save(this, folder)",
+            "next         .added, .identification, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 
@@ -136,17 +136,17 @@ def explain_log(
     """Finds what a model lacks to explain a log.
 
     Args:
-        earlier: an identification of the robot, or a stored one: the model, what is known of it, and its noise.
+        earlier: an identification of the robot, or a stored one.
         log: a log of the same robot, or anything that `bayesid.read_log` reads.
-        holdout: another one, to score by; without it stretches of the log are held back.
-        search: how signs are searched under the extended model.
-        posterior: how that of the extended model is sampled, or whether it is.
-        preprocessing: how the logs are made ready.
+        holdout: another log for cross-validation; by default blocks of the log are held back.
+        search: sign search under the extended model.
+        posterior: sampling of the extended model's posterior, or whether to sample.
+        preprocessing: filtering and segmentation.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
-        thresholds: that decide which effects are added, and what is explained.
+        thresholds: thresholds of the selection of effects.
 
     Raises:
-        InputError: a log is of another robot, too short, too still, one that the model was identified from, or the
+        InputError: a log is of another robot, too short or without motion, the model was identified from it, or the
             holdout is the log.
         SolverError: an optimisation failed.
     """
@@ -228,7 +228,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor, on_log = case.floor(predicted), case.unexplained(selection.chosen.fitted_effects, predicted)
-    ratios, says = _unexplained_anywhere(on_log, before, after, floor)
+    ratios, shown_on = _unexplained(on_log, before, after, floor)
     added = with_numbers(case, selection, again, body)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
@@ -240,7 +240,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
         floor=floor,
         holdout=case.cross_validation.name,
         unexplained=ratios,
-        unexplained_on=says,
+        unexplained_on=shown_on,
         scores=tuple(score.alone for score in scores),
         refused=tuple(effect.alone for effect in selection.refused),
         not_testable=tuple(not_testable(scores, len(floor.rms), case.thresholds)),
@@ -256,13 +256,13 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
     )
 
 
-def _status(found: bool, left: bool) -> str:
-    if left:
+def _status(found: bool, unexplained: bool) -> str:
+    if unexplained:
         return "partly_explained" if found else "unexplained"
     return "explained" if found else "no_discrepancy"
 
 
-def _unexplained_anywhere(
+def _unexplained(
     on_log: Mapping[int, float], before: CrossValidation, after: CrossValidation, floor: NoiseFloor
 ) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
     """Unexplained joints (from 1) with the ratio of their residual to the floor, and the data that show it.
@@ -270,20 +270,20 @@ def _unexplained_anywhere(
     `before` and `after` are the errors of the earlier and the extended model on held-back data.
     """
     above = floor.exceeded(after.rms) & after.surely_above(floor.rms)
-    said = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
-    joints = sorted(set().union(*said.values()))
+    by_data = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
+    joints = sorted(set().union(*by_data.values()))
     ratios = tuple((j, on_log.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
-    return ratios, {j: tuple(name for name, which in said.items() if j in which) for j in joints}
+    return ratios, {j: tuple(name for name, shown in by_data.items() if j in shown) for j in joints}
 
 
-def _joints(which: Mask) -> set[int]:
-    return set((np.flatnonzero(which) + 1).tolist())
+def _joints(mask: Mask) -> set[int]:
+    return set((np.flatnonzero(mask) + 1).tolist())
 
 
 def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[CrossValidation, CrossValidation]:
     """Errors of the earlier and the extended model on held-back data."""
     theta = again.theta
-    if not case.cross_validation.another_log:  # the final fit used those stretches too
+    if not case.cross_validation.another_log:  # the final fit used the held-back blocks too
         theta = selection.chosen.refitted.theta
     scoring = case.cross_validation.trial
     motion = scoring.signals.motion
@@ -311,6 +311,6 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
         share = f"in its own log the model's residual was above {percent(TUNING.good_fit, 0)} in joint {joints}"
         warnings.append(f"{share}: the noise floor there is taken from this log ({floor.origin[blunt[0]]})")
     if stopped:
-        tried = f"the search for sets of effects stopped after {TUNING.most_sets} sets"
-        warnings.append(f"{tried}: others may explain the log equally well")
+        limit = f"the search for sets of effects stopped after {TUNING.most_sets} sets"
+        warnings.append(f"{limit}: others may explain the log equally well")
     return warnings

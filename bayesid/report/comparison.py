@@ -1,4 +1,4 @@
-"""Several logs of one robot in order of time: changes, effects missing in all logs, and the files' content."""
+"""Report of several logs of one robot: changes, effects missing in all logs, and the content of the files."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, ChangeReport, EffectHistory, names_of
-from bayesid.discrepancy.timeline import ABSENT, OPEN, PAYLOAD, SHOWN, Standing, TrackedParameter
+from bayesid.discrepancy.comparison import CHANGED, GONE, PREEXISTING, UNDECIDED, ChangeReport, EffectHistory, names_of
+from bayesid.discrepancy.timeline import ABSENT, OPEN, PAYLOAD, SHOWN, LogEvidence, TrackedParameter
 from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
 from bayesid.effects.catalogue import forms
@@ -19,36 +19,36 @@ from bayesid.identification.identification import KNOWN
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.brief import in_brief as last_in_brief
 from bayesid.report.conclusion import Conclusion, sentence
-from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
+from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, readable_unit
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, form_label, joints_in_words, listed, upper
 
 SECTIONS: Mapping[str, str] = {
     CHANGED: "Changed since the first log",
-    ALL_ALONG: "Missing in all logs",
+    PREEXISTING: "Missing in all logs",
     GONE: "No longer present",
     UNDECIDED: "Undetermined by these logs",
 }
 """Headings, in order."""
-_SAYS: Mapping[str, str] = {SHOWN: "present", ABSENT: "absent", OPEN: "undetermined"}
+_EVIDENCE: Mapping[str, str] = {SHOWN: "present", ABSENT: "absent", OPEN: "undetermined"}
 
 
 @dataclass(frozen=True)
 class Moved:
-    """A parameter that changed, in units for people."""
+    """A parameter that changed, in readable units."""
 
-    place: int  # among all that are tracked
+    place: int  # index among the tracked parameters
     name: str  # in words, with its joint
     of_links: bool  # whether it is a coefficient of links
-    symbol: str  # the sum of parameters that it is
-    unit: str  # for people
+    symbol: str  # sum of parameters
+    unit: str  # readable unit
     value: tuple[float, ...]  # (K,) in that unit, without a payload
     sd: tuple[float, ...]  # (K,)
     z: tuple[float, ...]  # (K,) change since the first log over its sd
     since: int  # first log (from 1) with a significant change
-    change: str  # up to the last log with one, in words
-    text: str  # all in one line
+    change: str  # up to the last log with a significant change, in words
+    text: str  # in one line
 
 
 def moved_parameters(comparison: ChangeReport) -> list[Moved]:
@@ -61,13 +61,13 @@ def moved_parameters(comparison: ChangeReport) -> list[Moved]:
 def _moved(comparison: ChangeReport, place: int) -> Moved:
     line = comparison.timeline
     one = line.tracked[place]
-    people, name = _people(one), tracked_name(one)
-    value = people.factor * (line.value[:, place] - line.of_payload[:, place] - people.neutral)
-    sd, change = people.factor * line.sd[:, place], people.factor * line.change[:, place]
+    readable, name = _unit_of(one), tracked_name(one)
+    value = readable.factor * (line.value[:, place] - line.of_payload[:, place] - readable.neutral)
+    sd, change = readable.factor * line.sd[:, place], readable.factor * line.change[:, place]
     moved = np.flatnonzero(line.moved[:, place]).tolist()
     last = moved[-1]
     digits = len(rounded(max(abs(value[0]), abs(value[last]))).partition(".")[2])
-    by = f"{'+' if change[last] >= 0.0 else '-'}{rounded(abs(change[last]))} {people.unit}".rstrip()
+    by = f"{'+' if change[last] >= 0.0 else '-'}{rounded(abs(change[last]))} {readable.unit}".rstrip()
     if sd[0] < KNOWN * abs(value[0]):
         by = f"{100.0 * change[last] / value[0]:+.0f} %"
     where = "" if last + 1 == len(value) else f" in {names_of(comparison.logs)[last]}"
@@ -76,18 +76,18 @@ def _moved(comparison: ChangeReport, place: int) -> Moved:
         name=name,
         of_links=one.effect == RigidBody.name,
         symbol=one.expression,
-        unit=people.unit,
+        unit=readable.unit,
         value=tuple(value.tolist()),
         sd=tuple(sd.tolist()),
         z=tuple(line.z[:, place].tolist()),
         since=moved[0] + 1,
         change=by,
-        text=f"{name} {value[0]:.{digits}f} -> {value[last]:.{digits}f} {people.unit} ({by}){where}",
+        text=f"{name} {value[0]:.{digits}f} -> {value[last]:.{digits}f} {readable.unit} ({by}){where}",
     )
 
 
 def tracked_name(one: TrackedParameter) -> str:
-    """As in joint 2: Coulomb friction; links: mc2x + a2 M2; payload mass."""
+    """Such as joint 2: Coulomb friction; links: mc2x + a2 M2; payload mass."""
     if one.name == PAYLOAD:
         return PAYLOAD
     if one.effect == RigidBody.name:
@@ -98,8 +98,8 @@ def tracked_name(one: TrackedParameter) -> str:
     return f"{where}{form_label(one.effect, *details)}"
 
 
-def _people(one: TrackedParameter) -> ReadableUnit:
-    return people_unit(Phrase() if one.name == PAYLOAD else forms()[one.effect].phrase, one.name, one.unit)
+def _unit_of(one: TrackedParameter) -> ReadableUnit:
+    return readable_unit(Phrase() if one.name == PAYLOAD else forms()[one.effect].phrase, one.name, one.unit)
 
 
 def timeline_rule(comparison: ChangeReport) -> str:
@@ -112,7 +112,7 @@ def timeline_rule(comparison: ChangeReport) -> str:
 
 
 def columns(comparison: ChangeReport) -> dict[str, list[str]]:
-    """Lines under the headings `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`."""
+    """Lines under the headings `CHANGED`, `PREEXISTING`, `GONE` and `UNDECIDED`."""
     rows = _other_changes(comparison)
     changed = [_came(comparison, one) for one in _new(comparison)]
     changed += [upper(row.text) for row in rows if not row.of_links]
@@ -124,24 +124,26 @@ def columns(comparison: ChangeReport) -> dict[str, list[str]]:
         undecided.setdefault(_why_open(comparison, one), []).append(effect_name(one.effect))
     return {
         CHANGED: changed,
-        ALL_ALONG: [f"{upper(effect_name(one.effect))}{_sizes(comparison, one)}" for one in comparison.of(ALL_ALONG)],
+        PREEXISTING: [
+            f"{upper(effect_name(one.effect))}{_sizes(comparison, one)}" for one in comparison.of(PREEXISTING)
+        ],
         GONE: [f"{upper(effect_name(one.effect))}: {_by_log(comparison, one, ABSENT)}" for one in comparison.of(GONE)],
         UNDECIDED: [f"{upper('; '.join(names))}: {reason}" for reason, names in undecided.items()],
     }
 
 
 def in_brief(comparison: ChangeReport) -> tuple[Check, ...]:
-    """Changes, additional effects in all logs; gap, rest and next step of the last log."""
+    """Changes, additional effects in all logs; gap, remaining residual and next step of the last log."""
     changed = [effect_name(one.effect) for one in _new(comparison)]
     changed += [f"{effect_name(one.effect)} is gone" for one in comparison.of(GONE)]
     rows = _other_changes(comparison)
     changed += [row.text for row in rows if not row.of_links]
     if links := [row for row in rows if row.of_links]:
         changed.append(counted(len(links), "link coefficient"))
-    along = [effect_name(one.effect) for one in comparison.of(ALL_ALONG)]
+    in_all = [effect_name(one.effect) for one in comparison.of(PREEXISTING)]
     return (
         Check("Changed", "look" if changed else "good", _few(changed) or "no change detected"),
-        Check("In all logs", "good", _few(along) or "no additional effects"),
+        Check("In all logs", "good", _few(in_all) or "no additional effects"),
         *(one for one in last_in_brief(comparison.found[-1]) if one.name in ("Gap", "Remaining", "Next")),
     )
 
@@ -154,11 +156,11 @@ def _few(texts: list[str]) -> str:
 def comparison_conclusion(comparison: ChangeReport) -> Conclusion:
     """The verdict: whether something has changed, or is missing."""
     moved = bool(comparison.of(CHANGED) or comparison.timeline.moved.any() or comparison.of(GONE))
-    missing = bool(comparison.of(ALL_ALONG))
-    along = "effects are missing in all logs" if missing else "no effect is missing in all logs"
-    said = f"{'The robot has changed' if moved else 'No significant change'}; {along}"
+    missing = bool(comparison.of(PREEXISTING))
+    in_all = "effects are missing in all logs" if missing else "no effect is missing in all logs"
+    text = f"{'The robot has changed' if moved else 'No significant change'}; {in_all}"
     state: State = "look" if moved or missing else "good"
-    return Conclusion(state, sentence(state, said))
+    return Conclusion(state, sentence(state, text))
 
 
 def _new(comparison: ChangeReport) -> list[EffectHistory]:
@@ -166,7 +168,7 @@ def _new(comparison: ChangeReport) -> list[EffectHistory]:
 
 
 def _other_changes(comparison: ChangeReport) -> list[Moved]:
-    """Parameters that changed, without those of effects that came or went."""
+    """Parameters that changed, without those of effects that are new or gone."""
     effects = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
 
     def of_effect(one: TrackedParameter) -> bool:
@@ -177,12 +179,12 @@ def _other_changes(comparison: ChangeReport) -> list[Moved]:
 
 
 def effect_name(effect: Effect) -> str:
-    """As in load-dependent friction, joint 2; cable drag (stiffening), joint 3."""
+    """Such as load-dependent friction, joint 2; cable drag (stiffening), joint 3."""
     return f"{form_label(effect.name)}{f', {joints_in_words(effect.joints)}' if effect.joints else ''}"
 
 
 def _came(comparison: ChangeReport, history: EffectHistory) -> str:
-    """A new effect, with its size, and the logs that have it."""
+    """A new effect, its size, and the logs that show it."""
     k = max(history.found)
     found = comparison.found[k - 1]
     checks = dict(zip((effect.hypothesis for effect in found.added), discrepancy_checks(found), strict=False))
@@ -197,20 +199,20 @@ def _in_logs(comparison: ChangeReport, history: EffectHistory) -> str:
 
 
 def _by_log(comparison: ChangeReport, history: EffectHistory, other: str) -> str:
-    """Present in a.csv, absent in b.csv and c.csv."""
-    named, parts = list(zip(names_of(comparison.logs), history.by_log, strict=True)), []
-    for said in (SHOWN, other):
-        logs = [name for name, what in named if what.says == said]
-        parts += [f"{_SAYS[said]} in {listed(logs)}"] if logs else []
+    """Such as present in a.csv, absent in b.csv and c.csv."""
+    pairs, parts = list(zip(names_of(comparison.logs), history.by_log, strict=True)), []
+    for answer in (SHOWN, other):
+        logs = [name for name, evidence in pairs if evidence.says == answer]
+        parts += [f"{_EVIDENCE[answer]} in {listed(logs)}"] if logs else []
     return ", ".join(parts)
 
 
 def _why_open(comparison: ChangeReport, history: EffectHistory) -> str:
-    if any(what.says == SHOWN for what in history.by_log):
+    if any(evidence.says == SHOWN for evidence in history.by_log):
         return _by_log(comparison, history, OPEN)
-    held = not history.by_log and any(effect.hypothesis.changes for effect in history.found.values())
-    what = "another size" if held else "new"
-    return f"{what} by comparison {_in_logs(comparison, history)}; no single log confirms it"
+    changed = not history.by_log and any(effect.hypothesis.changes for effect in history.found.values())
+    status = "another size" if changed else "new"
+    return f"{status} by comparison {_in_logs(comparison, history)}; no single log confirms it"
 
 
 def _sizes(comparison: ChangeReport, history: EffectHistory) -> str:
@@ -218,23 +220,23 @@ def _sizes(comparison: ChangeReport, history: EffectHistory) -> str:
     line, texts = comparison.timeline, []
     for place, one in enumerate(line.tracked):
         if one.effect == history.effect.name and (not history.joints or one.joint in history.joints):
-            people = _people(one)
-            value, sd = people.factor * (line.value[:, place] - people.neutral), people.factor * line.sd[:, place]
+            readable = _unit_of(one)
+            value, sd = readable.factor * (line.value[:, place] - readable.neutral), readable.factor * line.sd[:, place]
             shown = np.flatnonzero(np.isfinite(sd))
             if len(shown) > 1:
-                first, last = (quantity(value[k], sd[k], people.unit) for k in (shown[0], shown[-1]))
+                first, last = (quantity(value[k], sd[k], readable.unit) for k in (shown[0], shown[-1]))
                 texts.append(f"{one.name} = {first}, then {last}")
     return f": {'; '.join(texts)}" if texts else ""
 
 
-def says(what: Standing) -> str:
-    """Present (12.3), absent, or undetermined."""
-    factor = f" ({rounded(what.log10_bayes_factor)})" if np.isfinite(what.log10_bayes_factor) else ""
-    return f"{_SAYS[what.says]}{factor}"
+def evidence_in_words(evidence: LogEvidence) -> str:
+    """Such as present (12.3), absent, or undetermined."""
+    factor = f" ({rounded(evidence.log10_bayes_factor)})" if np.isfinite(evidence.log10_bayes_factor) else ""
+    return f"{_EVIDENCE[evidence.says]}{factor}"
 
 
 def log_names(comparison: ChangeReport) -> list[str]:
-    """Short names of the logs, with their dates where these are known."""
+    """Short names of the logs, with their dates if known."""
     names, dates = names_of(comparison.logs), comparison.dates
     pairs = zip(names, dates.texts, strict=True)
     return [f"{name}, {text}" if dates.known and text not in name else name for name, text in pairs]
@@ -242,14 +244,14 @@ def log_names(comparison: ChangeReport) -> list[str]:
 
 def comparison_summary(comparison: ChangeReport) -> dict[str, Any]:
     """discrepancy.json of several logs: that of the last one, each effect's history, and the time line."""
-    said, dates = columns(comparison), comparison.dates
+    in_words, dates = columns(comparison), comparison.dates
     texts = dates.texts if dates.known else [None] * len(comparison.logs)
     more = as_object(
         {
             "logs": [{"log": log.source, "date": text} for log, text in zip(comparison.logs, texts, strict=True)],
             "dates_from": dates.basis,
-            "in_words": said,
-            **{which: [_history(comparison, one) for one in comparison.of(which)] for which in said},
+            "in_words": in_words,
+            **{status: [_history(comparison, one) for one in comparison.of(status)] for status in in_words},
             "moved": [_moved_summary(comparison, row) for row in moved_parameters(comparison)],
             "moved_rule": timeline_rule(comparison),
             **taken(comparison, "warnings", "seconds"),
@@ -265,7 +267,7 @@ def _history(comparison: ChangeReport, history: EffectHistory) -> dict[str, Any]
         "effect": history.name,
         "form": history.effect.name,
         "joints": history.joints,
-        "by_log": [{"log": source} | as_json(what) for source, what in by_log],
+        "by_log": [{"log": source} | as_json(evidence) for source, evidence in by_log],
         "found": [{"log": sources[k], **added_summary(effect)} for k, effect in sorted(history.found.items())],
     }
 
@@ -288,7 +290,7 @@ def _moved_summary(comparison: ChangeReport, row: Moved) -> dict[str, Any]:
 
 
 def timeline_rows(comparison: ChangeReport) -> Iterator[dict[str, object]]:
-    """timeline.csv: one row a log and parameter, in the parameter's own unit; empty where nothing is known."""
+    """timeline.csv: one row per log and parameter, in the parameter's unit; unknown numbers are empty."""
     line, dates = comparison.timeline, comparison.dates
     for k, log in enumerate(comparison.logs):
         for c, one in enumerate(line.tracked):

@@ -1,4 +1,4 @@
-"""A discrepancy: a check for each finding, and what discrepancy.json holds."""
+"""Report of a discrepancy: a check for each finding, and the content of discrepancy.json."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from bayesid.discrepancy.case import MODELS_RESIDUAL, REFIT
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
 from bayesid.identification.checks import Check, State
+from bayesid.identification.prediction import NORMAL_95
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.regression.selection.fitted_effects import LN10
@@ -26,14 +28,12 @@ from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import joints_in_words, label, listed, unit_of, upper
 
-_WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
-"""Whose error a floor may be, by where it was taken from."""
-CHANGE = "change of "
-"""Begins the names of what a parameter has changed by."""
+_MODELS = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
+"""The model whose error a floor may contain, by the floor's source."""
 
 
 def above_the_floor(discrepancy: Discrepancy) -> str:
-    """Words for a noise floor that may contain a model's error: nothing is known below it."""
+    """Words for a noise floor that may contain a model's error, which hides smaller effects."""
     return " above the noise floor" if discrepancy.floor.lasting.any() else ""
 
 
@@ -46,20 +46,20 @@ _VERDICTS: Mapping[str, tuple[State, str]] = {
 
 
 def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
-    """The verdict, with what to do first."""
-    state, said = _VERDICTS.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
+    """The verdict, with the first thing to do."""
+    state, text = _VERDICTS.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
     reasons = [one for one in failed(discrepancy_checks(discrepancy)) if one.remedy and one.state != "not done"]
-    return Conclusion(state, sentence(state, said), first(reasons))
+    return Conclusion(state, sentence(state, text), first(reasons))
 
 
 def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:
-    """The sets with a probability that is listed."""
+    """The sets that are probable enough to be listed."""
     return [one for one in discrepancy.sets if one.probability >= TUNING.set_listed]
 
 
-def set_in_words(some: WeighedSet) -> str:
-    """Coulomb friction (joint 2) + joint spring (joint 2)."""
-    return " + ".join(label(effect, joints) for effect, joints in some.effects) or "nothing"
+def set_in_words(effects: WeighedSet) -> str:
+    """Such as Coulomb friction, joint 2 + joint spring, joint 2."""
+    return " + ".join(label(effect, joints) for effect, joints in effects.effects) or "nothing"
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -78,10 +78,10 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
 
 
 def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
-    name, would = upper(label(added.effect, added.joints)), distinguishing_motions(added)
+    name, motions = upper(label(added.effect, added.joints)), distinguishing_motions(added)
     if impossible := below_zero(added):
         message = f"alone it would make {listed(impossible)} negative, which is impossible: a similar effect is present"
-        return Check(name, "look", message, f"{would} would identify it")
+        return Check(name, "look", message, f"{motions} would identify it")
     changes, detail, n = bool(added.hypothesis.changes), added.hypothesis.source.phrase.detail, len(discrepancy.before)
     parts = [_change(added, n) if changes else _need(added, n)]
     if added.description is not None:
@@ -91,15 +91,15 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     if (size := added.size) is not None:
         largest = effort_in_words(discrepancy, size.largest, size.joint)
         parts.append(f"Its largest effort is {largest}, {percent(size.share)} of joint {size.joint}'s {size.of}.")
-    unsure, alike = added.probability < TUNING.sure, equivalents(added, noun)
-    if unsure:
+    uncertain, alike = added.probability < TUNING.sure, equivalents(added, noun)
+    if uncertain:
         shares = added.probability, added.nothing_missing, added.something_else
-        sure, nothing, other = map(_percent, shares)
-        parts.append(f"Probability: {sure} this effect, {nothing} no effect, {other} another effect.")
+        this, none, other = map(_percent, shares)
+        parts.append(f"Probability: {this} this effect, {none} no effect, {other} another effect.")
     if alike:
         parts.append(f"This log cannot distinguish it from {listed(alike, 'or')}.")
-    remedy = f"{would} would distinguish them" if alike else ""
-    return Check(name, "look" if unsure or alike else "good", " ".join(parts).removesuffix("."), remedy)
+    remedy = f"{motions} would distinguish them" if alike else ""
+    return Check(name, "look" if uncertain or alike else "good", " ".join(parts).removesuffix("."), remedy)
 
 
 def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
@@ -122,7 +122,7 @@ def below_zero(added: AddedEffect) -> list[str]:
 
 
 def equivalents(added: AddedEffect, called: Callable[[str], str]) -> list[str]:
-    """Names of effects that the log cannot distinguish from this one; geometry errors of other links with joints."""
+    """Effects that the log cannot distinguish from this one, with joints if these differ."""
     rows = [f"{called(name)} ({joints_in_words(joints)})" for name, joints in added.elsewhere]
     return [*map(called, added.equivalent), *rows]
 
@@ -139,7 +139,7 @@ def _percent(share: float) -> str:
 
 
 def data_in_words(discrepancy: Discrepancy) -> str:
-    """The data that score."""
+    """The data for scoring."""
     return "the held-back blocks" if discrepancy.holdout.startswith("stretches ") else "the holdout"
 
 
@@ -149,15 +149,15 @@ def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
 
 
 def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
-    says, data, reasons = discrepancy.unexplained_on[joint], data_in_words(discrepancy), list[str]()
-    if ON_LOG in says or HELD_BACK in says:
+    shown_on, data, reasons = discrepancy.unexplained_on[joint], data_in_words(discrepancy), list[str]()
+    if ON_LOG in shown_on or HELD_BACK in shown_on:
         reasons.append(
-            f"its residual on {'the log' if ON_LOG in says else data} is {rounded(ratio, 2)} times the noise floor"
+            f"its residual on {'the log' if ON_LOG in shown_on else data} is {rounded(ratio, 2)} times the noise floor"
         )
         for shown in (excess for excess in discrepancy.where if excess.joint == joint):
             (low, high), unit = shown.range, unit_of(discrepancy, joint, shown.variable)
             reasons[-1] += f", largest over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
-    if GROWN in says:
+    if GROWN in shown_on:
         before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
         reasons.append(f"its gap on {data} grows from {before} to {effort_in_words(discrepancy, after, joint)}")
     message = f"Joint {joint} is unexplained: {'; '.join(reasons)}"
@@ -168,11 +168,11 @@ def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
 
 def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
     """Joints whose noise floor is mostly correlated: a model's error, or filtered noise."""
-    floor, whose = discrepancy.floor, dict[str, list[int]]()
+    floor, by_origin = discrepancy.floor, dict[str, list[int]]()
     for j in np.flatnonzero(floor.lasting).tolist():
-        whose.setdefault(floor.origin[j], []).append(j + 1)
-    for origin, joints in whose.items():
-        error = f"the {_WHOSE[origin]} error, or filtered noise"
+        by_origin.setdefault(floor.origin[j], []).append(j + 1)
+    for origin, joints in by_origin.items():
+        error = f"the {_MODELS[origin]} error, or filtered noise"
         message = f"In {joints_in_words(joints)} the noise floor is mostly correlated: {error}"
         yield Check("Noise floor", "look", message, "record the same motion twice: the difference is the noise")
 
@@ -195,47 +195,47 @@ def _not_testable(discrepancy: Discrepancy) -> Iterator[Check]:
     for effect, joints in testable_groups(discrepancy):
         by_joints.setdefault(joints, []).append(noun(effect))
     if by_joints:
-        wheres = [f" in {joints_in_words(joints)}" if joints else "" for joints in by_joints]
-        parts = [f"{listed(names, 'or')}{where}" for names, where in zip(by_joints.values(), wheres, strict=True)]
-        message = f"Of usual size this log could not show {'; '.join(parts)}"
+        places = [f" in {joints_in_words(joints)}" if joints else "" for joints in by_joints]
+        parts = [f"{listed(names, 'or')}{place}" for names, place in zip(by_joints.values(), places, strict=True)]
+        message = f"At their usual size this log could not show {'; '.join(parts)}"
         yield Check("Not testable", "not done", message, "record the motions that the report names")
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Numbers of an effect, as people read them
+# Numbers of an effect in readable units
 # ---------------------------------------------------------------------------------------------------------------
-def people_unit(phrase: Phrase, name: str, unit: str) -> ReadableUnit:
-    """The unit in which people read a parameter of a name, with its joint or without, and of a unit."""
+def readable_unit(phrase: Phrase, name: str, unit: str) -> ReadableUnit:
+    """The readable unit of a parameter, by its name with or without a joint, and its unit."""
     symbol = name.rstrip("0123456789").rstrip("_")
     return phrase.units.get(name, phrase.units.get(symbol, ReadableUnit("" if unit == "1" else unit)))
 
 
-def _for_people(source: Effect, name: str, number: Quantity) -> Quantity:
+def _readable(source: Effect, name: str, number: Quantity) -> Quantity:
     value, sd, unit = number
-    people = people_unit(source.phrase, name, unit)
-    return people.factor * (value - people.neutral), people.factor * sd, people.unit
+    readable = readable_unit(source.phrase, name, unit)
+    return readable.factor * (value - readable.neutral), readable.factor * sd, readable.unit
 
 
 def parameter_text(added: AddedEffect, name: str) -> str:
-    """A parameter as people read it: 1.9 +- 0.1 N m, or 9.1 -> 7.3 +- 0.5 N m where the earlier model has it."""
+    """Such as 1.9 +- 0.1 N m, or 9.1 -> 7.3 +- 0.5 N m if the earlier model has the parameter."""
     source, number = added.hypothesis.source, added.parameters[name]
-    value, sd, unit = _for_people(source, name, number)
+    value, sd, unit = _readable(source, name, number)
     now = quantity(value, sd, unit)
-    if (change := added.parameters.get(f"{CHANGE}{name}")) is None:
+    if (change := added.parameters.get(f"{CHANGE_OF}{name}")) is None:
         return now
-    earlier = value - people_unit(source.phrase, name, number[2]).factor * change[0]
+    earlier = value - readable_unit(source.phrase, name, number[2]).factor * change[0]
     decimals = len(now.split()[0].partition(".")[2])
     return f"{f'{earlier:.{decimals}f}' if now[0] != '(' else rounded(earlier)} -> {now}"
 
 
 def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
-    """The parameters as people read them, by symbols without the joint; of what the model had, before and now."""
+    """Texts of the parameters, by symbols without the joint; of the earlier model's parameters before and now."""
     source, suffixes = added.hypothesis.source, [str(joint) for joint in added.joints] or [str(n)]
     texts = {}
     for name in added.parameters:
         known = name in source.phrase.units or not name.endswith(tuple(suffixes))
         symbol = name if known else name[: -len(next(s for s in suffixes if name.endswith(s)))]
-        if name.startswith(CHANGE) or symbol in source.adds_to.values():
+        if name.startswith(CHANGE_OF) or symbol in source.adds_to.values():
             continue
         total = f"{source.adds_to.get(symbol, symbol)}{name[len(symbol) :]}"
         texts[symbol.rstrip("_")] = parameter_text(added, total if total in added.parameters else name)
@@ -243,7 +243,7 @@ def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
 
 
 def main_number(added: AddedEffect, n: int) -> str:
-    """The size of an effect of one joint or of the whole robot; empty where several parameters give it."""
+    """The size of an effect of one joint or of the whole robot; empty if it has several parameters."""
     numbers, size = _numbers(added, n), added.hypothesis.source.phrase.size
     if added.readable or len(added.joints) > 1 or added.description is not None:
         return ""
@@ -251,7 +251,7 @@ def main_number(added: AddedEffect, n: int) -> str:
 
 
 def _need(added: AddedEffect, n: int) -> str:
-    """Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
+    """Such as Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
     numbers, phrase = _numbers(added, n), added.hypothesis.source.phrase
     sentence, size = phrase.sentence, _size(added)
     if not sentence or len(added.joints) > 1:
@@ -268,16 +268,16 @@ def _need(added: AddedEffect, n: int) -> str:
 
 
 def _size(added: AddedEffect) -> Quantity | None:
-    """The number whose sign selects a sentence or its opposite; None where there is none."""
+    """The number whose sign selects a sentence or its opposite, if there is one."""
     source, size = added.hypothesis.source, added.hypothesis.source.phrase.size
     name = f"{size}{added.joints[0] if added.joints else ''}"
     if name in added.parameters:
-        return _for_people(source, size, added.parameters[name])
+        return _readable(source, size, added.parameters[name])
     return (source.shape[size][0], math.nan, "") if size in source.shape else None
 
 
 def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
-    """Joints 1 and 2 need Coulomb friction (Fc = 1.9 +- 0.1 N m)."""
+    """Such as Joints 1 and 2 need Coulomb friction (Fc = 1.9 +- 0.1 N m)."""
     where = upper(joints_in_words(added.joints)) if added.joints else "The robot"
     parts = ", ".join(f"{symbol} = {number}" for symbol, number in numbers.items())
     needs = "need" if len(added.joints) > 1 else "needs"
@@ -285,20 +285,18 @@ def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
 
 
 def _change(added: AddedEffect, n: int) -> str:
-    """Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m."""
+    """Such as Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m."""
     source, numbers = added.hypothesis.source, _numbers(added, n)
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
-    changes = [number for name, number in added.parameters.items() if name.startswith(CHANGE)]
-    insignificant = changes and all(
-        abs(change) < 1.96 * sd for change, sd, _ in changes
-    )  # False where the sd is not known
-    said = "has not changed significantly" if insignificant else "has changed"
-    return f"{upper(label(source.name, added.joints))}, {said}{f': {listed(parts)}' if parts else ''}."
+    changes = [number for name, number in added.parameters.items() if name.startswith(CHANGE_OF)]
+    insignificant = changes and all(abs(change) < NORMAL_95 * sd for change, sd, _ in changes)  # no for nan
+    verb = "has not changed significantly" if insignificant else "has changed"
+    return f"{upper(label(source.name, added.joints))}, {verb}{f': {listed(parts)}' if parts else ''}."
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# As discrepancy.json has it
+# discrepancy.json
 # ---------------------------------------------------------------------------------------------------------------
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
     """discrepancy.json of a result: SI units, joints from 1, gaps as RMS in N m."""
@@ -333,7 +331,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
 
 
 def added_summary(effect: AddedEffect) -> dict[str, Any]:
-    """An effect that was added, as discrepancy.json has it."""
+    """An added effect in discrepancy.json."""
     alike, size, cost = [*effect.equivalent, *(name for name, _ in effect.elsewhere)], effect.size, effect.cost
     numbers = {
         of: {name: dict(zip(("value", "sd", "unit"), number, strict=True)) for name, number in values.items()}
@@ -364,8 +362,8 @@ def added_summary(effect: AddedEffect) -> dict[str, Any]:
 def _learned(effect: AddedEffect) -> dict[str, Any]:
     if effect.description is None:
         return {}
-    told = {"description": effect.description.sentence, "looks_like": effect.description.families}
-    return taken(effect, "variables", "formula", **told)
+    description, families = effect.description.sentence, effect.description.families
+    return taken(effect, "variables", "formula", description=description, looks_like=families)
 
 
 def _named(effects: Iterable[tuple[str, tuple[int, ...]]]) -> list[dict[str, Any]]:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, ChangeReport
+from bayesid.discrepancy.comparison import CHANGED, PREEXISTING, ChangeReport
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
@@ -21,16 +22,15 @@ from bayesid.report.brief import in_brief
 from bayesid.report.comparison import (
     SECTIONS,
     comparison_conclusion,
+    evidence_in_words,
     log_names,
     moved_parameters,
-    says,
     timeline_rule,
     tracked_name,
 )
-from bayesid.report.comparison import columns as told_columns
+from bayesid.report.comparison import columns as change_columns
 from bayesid.report.comparison import in_brief as changes_in_brief
 from bayesid.report.discrepancy import (
-    CHANGE,
     discrepancy_checks,
     discrepancy_conclusion,
     distinguishing_motions,
@@ -53,15 +53,15 @@ from bayesid.report.plot.discrepancy import (
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, form_label, joints_in_words, label, score_label, unit_of
 
-_SAID = {ON_LOG: "on the log", HELD_BACK: "on the held-out data", GROWN: "gap grew"}
-"""Which data say that a joint is unexplained, in a cell."""
+_SHOWN_ON = {ON_LOG: "on the log", HELD_BACK: "on the held-back data", GROWN: "gap grew"}
+"""Data that show an unexplained joint, in a cell."""
 _WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": "not testable"}
-"""For the states of checks."""
+"""States of checks."""
 
 
 @one_at_a_time
 def discrepancy_page(discrepancy: Discrepancy) -> str:
-    """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
+    """The report of a comparison, in HTML: self-contained, light or dark, printable."""
     robot, log = discrepancy.identification.model.robot.name, discrepancy.identification.log.source
     return html.page(
         "What the model lacks",
@@ -93,7 +93,7 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
         origin = f"{floor.origin[j]}{'' if floor.sharp[j] else ' (a lower bound)'}{lasts}"
         remark = html.NONE
         if joint in ratios:
-            which = ", ".join(_SAID[one] for one in discrepancy.unexplained_on.get(joint, ()))
+            which = ", ".join(_SHOWN_ON[one] for one in discrepancy.unexplained_on.get(joint, ()))
             remark = Markup("unexplained: {} times the floor ({})").format(html.number(ratios[joint]), which)
         unit = unit_of(discrepancy, joint)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
@@ -123,15 +123,15 @@ def _found(discrepancy: Discrepancy) -> list[Markup]:
     parts += [html.figures(pictures)] if pictures else []
     if sizes := [row for effect in discrepancy.added for row in _sizes(discrepancy, effect)]:
         caption = (
-            f"Size of each effect on {discrepancy.holdout}: its own effort, and the RMS error without it (the others "
-            "identified again) and with it, each in the joint where it is largest."
+            f"Size of each effect on {discrepancy.holdout}: its effort, and the RMS error without it (the others "
+            "fitted again) and with it, each in the joint where it is largest."
         )
         headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error without it"]
         headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
         parts.append(html.table(caption, headings, sizes))
     sets = [(set_in_words(one), html.probability(one.probability)) for one in listed_sets(discrepancy)]
     if len(sets) > 1:
-        caption = "Sets of effects that predict the held-back data equally well, and their probabilities by the log."
+        caption = "Sets of effects that predict the held-back data equally well, and their probabilities given the log."
         parts.append(html.table(caption, ["Set", "Probability"], sets))
     return parts
 
@@ -150,7 +150,7 @@ def _added(effect: AddedEffect) -> tuple[str, ...]:
 
 
 def _parameters(effect: AddedEffect) -> str:
-    """What people read in place of parameters, if there is such; a formula; changes before and now."""
+    """A formula, readable quantities if the effect has some, or parameters; changes before and now."""
     if effect.description is not None:
         return f"{effect.formula}: {effect.description.sentence}"
     changes, parameters = bool(effect.hypothesis.changes), effect.parameters
@@ -158,8 +158,8 @@ def _parameters(effect: AddedEffect) -> str:
         named = [(name, value, quantity(value, sd, unit)) for name, (value, sd, unit) in effect.readable.items()]
     else:
         of_total = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
-        in_total = any(name.startswith(CHANGE) for name in parameters) and not changes
-        shown = [name for name in parameters if not name.startswith(CHANGE) and not (in_total and name in of_total)]
+        in_total = any(name.startswith(CHANGE_OF) for name in parameters) and not changes
+        shown = [name for name in parameters if not name.startswith(CHANGE_OF) and not (in_total and name in of_total)]
         named = [(name, parameters[name][0], parameter_text(effect, name)) for name in shown]
     line = Markup('<li><span class="name">{}</span> {}</li>')
     lines = [line.format(name, html.data(value, text)) for name, value, text in named]
@@ -169,14 +169,14 @@ def _parameters(effect: AddedEffect) -> str:
 def _sizes(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str, ...]]:
     size, cost = effect.size, effect.cost
     if size is not None and cost is not None:
-        own, left = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
+        of_effort, of_error = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
         yield (
             *(_name(effect.hypothesis), _joints(effect.joints)),
-            *(html.number(size.largest, own), html.number(size.rms, own)),
+            *(html.number(size.largest, of_effort), html.number(size.rms, of_effort)),
             Markup("{} of joint {}'s {}").format(html.share(size.share), size.joint, size.of),
-            html.number(cost.before, left),
+            html.number(cost.before, of_error),
             Markup("{} in joint {}").format(html.share(cost.share_before), cost.joint),
-            *(html.number(cost.after, left), html.share(cost.share_after)),
+            *(html.number(cost.after, of_error), html.share(cost.share_after)),
         )
 
 
@@ -184,9 +184,9 @@ def _where(discrepancy: Discrepancy) -> list[Markup]:
     if not discrepancy.where:
         plain = "In no joint is the residual significantly above the noise floor."
         if discrepancy.added:
-            plain += " The added effects show in the shape of the residual and on the held-out data."
+            plain += " The added effects are visible in the shape of the residual and on the held-back data."
         elif discrepancy.unexplained:
-            plain += " The held-out data show that an effect is missing."
+            plain += " The held-back data show that an effect is missing."
         return [html.paragraph(plain)]
     rows, drawn = [], []
     for excess in discrepancy.where:
@@ -257,7 +257,7 @@ def _left_out(discrepancy: Discrepancy) -> list[Markup]:
         learned = effect.description
         formula = "" if learned is None else f": {effect.formula}, {learned.sentence}"
         names.append(f"{label(effect.effect, effect.joints)}{formula}")
-    why = "They explain the log, but not the held-out data, or too little of the residual."
+    why = "They explain the log, but not the held-back data, or too little of the residual."
     return [html.paragraph(why), html.items(names)] if names else []
 
 
@@ -291,7 +291,7 @@ def _name(hypothesis: Hypothesis) -> str:
 
 @one_at_a_time
 def comparison_page(comparison: ChangeReport) -> str:
-    """The report of several logs, in HTML: opens in a browser from anywhere, light or dark, and prints."""
+    """The report of several logs, in HTML: self-contained, light or dark, printable."""
     last, logs = comparison.found[-1], log_names(comparison)
     robot = comparison.earlier.model.robot.name
     basis = [("Order", comparison.dates.basis), ("Last one scored on", last.holdout)]
@@ -309,12 +309,12 @@ def comparison_page(comparison: ChangeReport) -> str:
 
 def _changes(comparison: ChangeReport) -> html.Section:
     lists = [
-        (SECTIONS[which], lines)
-        for which, lines in told_columns(comparison).items()
-        if lines or which in (CHANGED, ALL_ALONG)
+        (SECTIONS[status], lines)
+        for status, lines in change_columns(comparison).items()
+        if lines or status in (CHANGED, PREEXISTING)
     ]
     rows = [
-        (label(one.name), _joints(one.joints), *map(says, one.by_log), SECTIONS[one.became])
+        (label(one.name), _joints(one.joints), *map(evidence_in_words, one.by_log), SECTIONS[one.status])
         for one in comparison.effects
         if one.by_log
     ]
@@ -323,8 +323,7 @@ def _changes(comparison: ChangeReport) -> html.Section:
     )
     headings = ["Effect", "Joints", *log_names(comparison), "Result"]
     more = [html.table(caption, headings, rows)] if rows else []
-    said = html.columns(lists, "None.")
-    return html.section("changes", "What changed, and what is missing in all logs", said, *more)
+    return html.section("changes", "What changed, and what is missing in all logs", html.columns(lists, "None."), *more)
 
 
 def _timeline(comparison: ChangeReport) -> html.Section:

@@ -28,10 +28,10 @@ _BEFORE, _AFTER = fig.ORANGE, fig.BLUE
 # One discrepancy
 # ---------------------------------------------------------------------------------------------------------------
 def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
-    """Residual of a joint (from 1), before and after, over the variable that shows it best.
+    """Residual of a joint (from 1), before and after, over the variable that explains most of it.
 
     Points are samples of the log, evenly thinned; lines are means over equally many samples with twice their standard
-    error, samples taken as independent; the band is the noise floor.
+    error for independent samples; the band is the noise floor.
     """
     trial, j = discrepancy.trial, joint - 1
     variable = next(excess.variable for excess in discrepancy.where if excess.joint == joint)
@@ -106,7 +106,7 @@ def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
 def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
     """The functions of a learned effect over the range of the log, each with its 95 % band.
 
-    One of two variables is drawn over the first, at three values of the other.
+    A function of two variables is drawn over the first, at three values of the second.
     """
     panels = []
     for curve in added.hypothesis.curves:
@@ -127,9 +127,9 @@ def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
 # Several logs
 # ---------------------------------------------------------------------------------------------------------------
 def timeline_figure(comparison: ChangeReport) -> fig.Figure:
-    """Each parameter that changed, with 95 % intervals, over days or, without dates, over the order of the logs.
+    """Parameters that changed, with 95 % intervals, over days or, without dates, over the order of the logs.
 
-    Those that changed most come first. The last panel has the changes of all others in standard deviations.
+    The largest changes come first. The last panel has the changes of all others in standard deviations.
     """
     line, rows = comparison.timeline, moved_parameters(comparison)
     rows = sorted(rows, key=lambda row: -np.nanmax(np.abs(row.z)))[: TUNING.moved]
@@ -156,7 +156,7 @@ def timeline_figure(comparison: ChangeReport) -> fig.Figure:
 
 
 def by_date(comparison: ChangeReport) -> bool:
-    """Whether the x axis shows dates: they are known, ascending, and not all the same."""
+    """Whether the x axis shows dates: known, ascending, and not all equal."""
     dates = comparison.dates
     return dates.known and dates.ascending and bool(dates.days[-1] > 0.0)
 
@@ -172,7 +172,7 @@ def _followed(x: Array, value: Array, sd: Array) -> list[fig.Mark]:
 
 
 def _flat(x: Array, z: Array) -> list[fig.Mark]:
-    """(K, C) changes in standard deviations, in grey; none of the first log."""
+    """Changes (K, C) in standard deviations, in grey; zero for the first log."""
     drawn = z.copy()
     drawn[0] = 0.0
     known = np.isfinite(drawn)

@@ -1,4 +1,4 @@
-"""What effects are worth: on a made-up case whose errors are counted by hand, and on a small model."""
+"""Effort and cost of effects: a made-up case with known errors, and a small model."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from conftest import small_robot, smooth_motion
 from made_trials import RATE, made_trial
 
 from bayesid.discrepancy.case import Case, HeldBack
-from bayesid.discrepancy.numbers import effort_size, own_effort
+from bayesid.discrepancy.numbers import effort_of, effort_size
 from bayesid.discrepancy.sets import costs
 from bayesid.effects.drive import GainError, TorqueOffset
 from bayesid.effects.friction import CoulombFriction
@@ -89,7 +89,7 @@ def test_the_effort_of_a_change_is_what_the_change_makes():
     """Coulomb friction of joint 2 from 5 to 8 N m: 3 N m tanh(u' / v), beside joint 1's that has moved by itself."""
     case = case_of()
     changed = hypothesis(FRICTION.in_joints((2,), 2), changes=("Fc2",))
-    found = own_effort(case, changed, case.model, np.array([2.6, 8.0]), MOTION)
+    found = effort_of(case, changed, case.model, np.array([2.6, 8.0]), MOTION)
     np.testing.assert_array_equal(found[:, 0], 0.0)
     np.testing.assert_allclose(found[:, 1], 3.0 * np.tanh(MOTION.dq[:, 1] / 0.1), atol=1e-12)
 
@@ -98,6 +98,6 @@ def test_the_effort_of_a_distortion_is_what_it_makes_of_all_else():
     """A gain of 1.3 in joint 2, of efforts of 5 N m tanh(u' / v) and an offset of 2 N m."""
     case, gain = case_of(), GainError(joints=(2,), gain=(1.3,))
     extended = case.model.extend(OFFSET).extend(gain)
-    found = own_effort(case, hypothesis(gain), extended, np.array([2.0, 5.0, 2.0]), MOTION)
+    found = effort_of(case, hypothesis(gain), extended, np.array([2.0, 5.0, 2.0]), MOTION)
     np.testing.assert_array_equal(found[:, 0], 0.0)
     np.testing.assert_allclose(found[:, 1], 0.3 * (5.0 * np.tanh(MOTION.dq[:, 1] / 0.1) + 2.0), atol=1e-12)
