@@ -202,7 +202,7 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     for message in reader.notes:
         warn(message)
     if kept_encoding and not options.quiet:
-        note(f"encoding of the result's log: {Encoding.parse(str(identified.encoding)).said}")
+        note(f"encoding of the result's log: {Encoding.parse(str(identified.encoding)).description}")
     if reader.n_joints != robot.n_joints:
         other = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
         raise InputError(other, _SOURCE, "give a stream of the same robot")

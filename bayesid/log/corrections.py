@@ -100,7 +100,7 @@ def _check_exchange(kind: str, order: list[int], given: set[int]) -> None:
     lost = [j for j in range(len(order)) if j not in order]
     if lost:
         twice = [j for j in range(len(order)) if j not in given and order.count(j) > 1]
-        rest = [(joint, order[joint]) for joint in sorted(given)] + list(zip(twice, lost, strict=False))
-        whole = ",".join(f"{kind}{joint + 1}={kind}{of + 1}" for joint, of in rest if joint != of)
-        said = f"{kind}{order[min(given)] + 1} is used for two joints, {kind}{lost[0] + 1} for none"
-        raise InputError(said, field="correct", remedy=f"give the whole exchange, as in {whole}")
+        exchange = [(joint, order[joint]) for joint in sorted(given)] + list(zip(twice, lost, strict=False))
+        whole = ",".join(f"{kind}{joint + 1}={kind}{of + 1}" for joint, of in exchange if joint != of)
+        what = f"{kind}{order[min(given)] + 1} is used for two joints, {kind}{lost[0] + 1} for none"
+        raise InputError(what, field="correct", remedy=f"give the whole exchange, as in {whole}")

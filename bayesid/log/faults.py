@@ -2,8 +2,8 @@
 
 A channel is divided into runs of equal readings, so that a slowly updated channel is compared with its own updates. An
 outlier is far from all its neighbours and returns at once. A lasting step is friction; a slow return is motion. A
-dropout is an unusually long run while the joint moves, either of zeros or of the last reading, followed by a jump. All
-thresholds are ratios within one channel, so units and rates do not matter.
+dropout is an unusually long run of zeros or of the last reading while the joint moves, followed by a jump. All
+thresholds are ratios within one channel, independent of units and rates.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ class Fault:
             how = "are zero" if self.kind == "zero" else "are frozen in motion"
             return f"all joints: all readings {how} for {lasting}; these rows are dropped"
         if self.kind == "foreign":
-            said = f"velocity differs from the derivative of the position for {lasting}"
+            what = f"velocity differs from the derivative of the position for {lasting}"
         elif self.kind == "outlier":
             count = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)}"
-            said = f"{count} of the {self.reading} far from neighbouring samples, at {when} s"
+            what = f"{count} of the {self.reading} far from neighbouring samples, at {when} s"
         else:
             how = "reads exactly zero" if self.kind == "zero" else "is frozen"
             often = f"{len(self.start)} times, " if len(self.start) > 1 else ""
-            said = f"{self.reading} {how} in motion, {often}{lasting}"
-        return f"joint {self.joint + 1}: {said}; these readings are not used"
+            what = f"{self.reading} {how} in motion, {often}{lasting}"
+        return f"joint {self.joint + 1}: {what}; these readings are not used"
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _foreign(t: Array, position: Array, velocity: Array, known: Mask) -> Integer
     for k in np.flatnonzero(wrong):
         rows[k : k + span + 1] = True
     found = np.flatnonzero(rows)
-    begins = np.flatnonzero(found != np.arange(len(found)))  # a stretch at the start of the log is a settling filter
+    begins = np.flatnonzero(found != np.arange(len(found)))  # at the start of the log it is a filter's transient
     return found[begins[0] :] if len(begins) else _NONE
 
 
@@ -248,9 +248,9 @@ def _excursions(t: Array, position: Array) -> Integers:
 
 def _ranked(values: Array, chosen: Mask, rank: float) -> Array:
     """(R,) value of a rank, from 0, among the chosen values around each value; the ends are mirrored."""
-    row, those = values[None], chosen[None]  # scipy 1.17 ignores the footprint for a vector
+    row, window = values[None], chosen[None]  # scipy 1.17 ignores the footprint for a vector
     ranks = sorted({int(np.floor(rank)), int(np.ceil(rank))})
-    return np.mean([scipy.ndimage.rank_filter(row, one, footprint=those, mode="mirror")[0] for one in ranks], axis=0)
+    return np.mean([scipy.ndimage.rank_filter(row, k, footprint=window, mode="mirror")[0] for k in ranks], axis=0)
 
 
 def _usual_step(values: Array) -> Array:

@@ -110,8 +110,8 @@ def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
     else:
         gains = Gains(np.array(stated, dtype=float), np.zeros(len(stated)))
     if len(gains.value) != n:
-        said = f"{len(gains.value)} gains for {n} joints"
-        raise InputError(said, field="gains", remedy="give one gain per joint, N m/A")
+        what = f"{len(gains.value)} gains for {n} joints"
+        raise InputError(what, field="gains", remedy="give one gain per joint, N m/A")
     return gains
 
 
@@ -128,8 +128,7 @@ def _pair(word: str, text: str) -> tuple[float, float]:
         raise InputError(f"{text!r} is not a list of gains", field="gains", remedy=_REMEDY) from None
     if not 0.0 <= relative <= TUNING.most_uncertain_gain:
         remedy = f"give 0 to {100.0 * TUNING.most_uncertain_gain:.0f} %, or {UNKNOWN}"
-        said = f"{word} is uncertain by {100.0 * relative:.3g} %"
-        raise InputError(said, field="gains", remedy=remedy)
+        raise InputError(f"{word} is uncertain by {100.0 * relative:.3g} %", field="gains", remedy=remedy)
     return value, relative
 
 

@@ -41,12 +41,13 @@ def stored_reading(folder: Path, earlier: Mapping[str, Any]) -> dict[str, Any]:
         InputError: the file is not valid.
     """
     path = folder / CONFIG
-    table = {name: one for name, one in (read_config(path) if path.exists() else earlier).items() if name in OF_READING}
+    stored = read_config(path) if path.exists() else earlier
+    table = {name: value for name, value in stored.items() if name in OF_READING}
     for name, value in table.items():
         if name == "unsigned" and not isinstance(value, str):
             table[name] = ",".join(map(str, value)) if isinstance(value, list) else str(value)
         elif name == "joints" and isinstance(value, str):
-            table[name] = [one.strip() for one in value.split(",")]
+            table[name] = [joint.strip() for joint in value.split(",")]
         elif name == "columns" and isinstance(value, str):
             table[name] = parse_columns(value)
         elif not isinstance(value, _KINDS[name]):
@@ -83,9 +84,9 @@ def read_alike(
     Raises:
         InputError: the source cannot be read, or its unit of angles is ambiguous.
     """
-    said = {name: value for name, value in given.items() if value is not None}
-    options = {**kept, **said}
-    naming = [name for name in NAMING if name in kept and name not in said]
+    stated = {name: value for name, value in given.items() if value is not None}
+    options = {**kept, **stated}
+    naming = [name for name in NAMING if name in kept and name not in stated]
     try:
         found = reader(source, **options, **more)
     except InputError as refused:
@@ -98,7 +99,7 @@ def read_alike(
             raise refused from None
         which = " and ".join(naming)
         warnings.warn(f"{found.source}: {refused.what}; read without the result's {which}", stacklevel=2)
-    if options.get("degrees") is True and "degrees" not in said:
+    if options.get("degrees") is True and "degrees" not in stated:
         _check_degrees(reader, source, options, found, **more)
     return found
 
@@ -114,8 +115,8 @@ def _check_degrees(
     except InputError:
         return
     if not np.allclose(plain.q, found.q):
-        said = f"positions reach {np.abs(plain.q).max():.4g}: rad, or degrees as in the result's log?"
-        raise InputError(said, found.source, "give `degrees=True`, or `degrees=False` if they are rad")
+        what = f"positions reach {np.abs(plain.q).max():.4g}: rad, or degrees as in the result's log?"
+        raise InputError(what, found.source, "give `degrees=True`, or `degrees=False` if they are rad")
 
 
 def in_words(reading: Mapping[str, Any]) -> list[str]:
@@ -127,9 +128,9 @@ def in_words(reading: Mapping[str, Any]) -> list[str]:
             continue
         text = value
         if isinstance(value, Mapping):
-            text = ",".join(f"{key}={one}" for key, one in value.items())
+            text = ",".join(f"{key}={item}" for key, item in value.items())
         elif not isinstance(value, str):
-            text = ",".join(f"{one:.12g}" if isinstance(one, float) else str(one) for one in value)
+            text = ",".join(f"{item:.12g}" if isinstance(item, float) else str(item) for item in value)
         words += [f"--{name}={text}"] if str(text).startswith("-") else [f"--{name}", printable(str(text))]
     return words
 

@@ -136,7 +136,7 @@ class Log:
     def save(self, path: str | Path) -> Path:
         """Writes a CSV file that `read_log` reads, without rounding.
 
-        The file does not say which joints are signed: `read_log` looks for negative efforts, or takes `unsigned`.
+        The file does not store which joints are signed: `read_log` detects negative efforts, or takes `unsigned`.
 
         Raises:
             InputError: the file cannot be written.
@@ -231,8 +231,8 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
 
 def _without_velocities(log: Log, measured: Array | None) -> list[str]:
-    said = f"{log.source}: has no measured velocities, unlike the other logs; they are derived from its positions"
-    return [] if measured is None or log.dq is not None else [said]
+    note = f"{log.source}: has no measured velocities, unlike the other logs; they are derived from its positions"
+    return [] if measured is None or log.dq is not None else [note]
 
 
 def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
@@ -243,19 +243,19 @@ def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
 
 def _check_fit(first: Log, log: Log) -> None:
     if log.n_joints != first.n_joints:
-        said = f"has {log.n_joints} joints, but {first.source} has {first.n_joints}"
-        raise InputError(said, log.source, "join logs of one robot")
+        what = f"has {log.n_joints} joints, but {first.source} has {first.n_joints}"
+        raise InputError(what, log.source, "join logs of one robot")
     if not np.array_equal(log.signed, first.signed):
-        said = f"the signed joints differ from those of {first.source}"
-        raise InputError(said, log.source, "name the unsigned joints with `unsigned`")
-    gains, expected_gains = ("that are exact" if one.gains is None else one.gains.text for one in (log, first))
+        what = f"the signed joints differ from those of {first.source}"
+        raise InputError(what, log.source, "name the unsigned joints with `unsigned`")
+    gains, expected_gains = ("that are exact" if each.gains is None else each.gains.text for each in (log, first))
     if gains != expected_gains:
-        said = f"was read with gains {gains}, but {first.source} with {expected_gains}"
-        raise InputError(said, log.source, "read both with the same `gains`")
+        what = f"was read with gains {gains}, but {first.source} with {expected_gains}"
+        raise InputError(what, log.source, "read both with the same `gains`")
     rate, expected = 1.0 / log.period, 1.0 / first.period
     if abs(rate / expected - 1.0) > TUNING.same_rate:
-        said = f"has {rate:.4g} Hz, but {first.source} has {expected:.4g} Hz"
-        raise InputError(said, log.source, "resample the logs to the same rate")
+        what = f"has {rate:.4g} Hz, but {first.source} has {expected:.4g} Hz"
+        raise InputError(what, log.source, "resample the logs to the same rate")
 
 
 def check_exact_gains(log: Log) -> None:

@@ -26,13 +26,13 @@ from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
 from bayesid.log.gains import Gains, gains_of
 from bayesid.log.kept_reading import OF_MOTION, read_alike
 from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
-from bayesid.log.mending import (
+from bayesid.log.repairs import (
     at_own_rate,
     check_magnitudes,
     check_readings,
-    mend_velocities,
     positions_of,
     remarks_on_time,
+    replace_foreign_velocities,
     wrapped_in_degrees,
 )
 from bayesid.log.sources import Parts, joint_names, table_of
@@ -102,9 +102,9 @@ def read_log(  # noqa: PLR0913  a source and its options
             count as currents. Uncertain gains are estimated by the identification, and may also correct torques:
             "12~20%,16~20%,10", "unknown", a CSV file with the columns gain and sd, or `Gains`.
         unsigned: "all", "none" or 1-based joints as in "1,3"; by default the joints whose effort is never negative.
-        degrees: whether positions and velocities without a stated unit are in degrees. It applies to every joint: give
-            prismatic joints a unit in the header, as in `q3[m]`. The default is rad (m), refused if more than half of
-            the joints, and at least two, leave the range of two turns either way.
+        degrees: whether positions and velocities without a stated unit are in degrees, for every joint; give prismatic
+            joints a unit in the header, as in `q3[m]`. The default is rad (m), refused if more than half of the joints,
+            and at least two, exceed two turns either way.
         topic: topic of the joint states in a recording with several; by default the only one with efforts.
         joints: joint names from base to tip, for logs with joint names; by default all joints, in order of their
             numbers, or in that of the first message.
@@ -123,7 +123,9 @@ def read_log(  # noqa: PLR0913  a source and its options
         A `Log`, or positions and velocities over time without efforts.
 
     Raises:
-        InputError: the file, a row, a column or an option is not valid. Example:
+        InputError: the file, a row, a column or an option is not valid.
+
+    Example:
         >>> t = np.arange(200) / 100.0
         >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
         >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
@@ -154,16 +156,16 @@ def read_log(  # noqa: PLR0913  a source and its options
     measured = table.block("tau" if "tau1" in table.columns else "i")
     decoded = table.encoding is not None and unsigned is None  # a decoded joint is signed even if never negative
     signed = signed_joints(measured, "none" if decoded else unsigned, table.n_joints)
-    if not any(TAKEN in one for one in table.mended):
+    if not any(TAKEN in note for note in table.repairs):
         notes += check_magnitudes(measured, q, signed, table.source, stated=encoding == MAGNITUDE)
     measured *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     check_readings(table, q, measured)
     if dq is not None:
-        notes += mend_velocities(table, q, dq)
+        notes += replace_foreign_velocities(table, q, dq)
     if degrees is None:
         check_speeds(table.t, q, table.source)
-    notes = [*table.mended, *notes, *remarks_on_time(table, q)]
+    notes = [*table.repairs, *notes, *remarks_on_time(table, q)]
     if correct is not None:
         positions, efforts = corrections(correct, table.n_joints)
         q, measured = positions.of(q, zero=True), efforts.of(measured)
@@ -187,14 +189,14 @@ def read_log(  # noqa: PLR0913  a source and its options
         )
         for name, rows in _recordings(table)
     ]
-    used = {name: list(one) if isinstance(one, tuple) else one for name, one in given.items() if one is not None}
+    used = {name: list(x) if isinstance(x, tuple) else x for name, x in given.items() if x is not None}
     return replace(join_logs(recordings), read_with=used)
 
 
 def _joined(sources: list[LogSource], robot: Robot | None, given: Mapping[str, Any]) -> Log:
     if not sources:
         raise InputError("is an empty list", field="source", remedy="give at least one log")
-    return join_logs([one if isinstance(one, Log) else read_log(one, **given, robot=robot) for one in sources])
+    return join_logs([part if isinstance(part, Log) else read_log(part, **given, robot=robot) for part in sources])
 
 
 def _motion_alone(source: Any, robot: Robot | None, given: Mapping[str, Any]) -> RecordedMotion:
@@ -224,8 +226,8 @@ def _recordings(table: Table) -> list[tuple[str, slice]]:
     part = table.columns["part"]
     long = [slice(*ends) for ends in pairwise([*starts, len(table.t)]) if ends[1] - ends[0] >= TUNING.fewest_rows]
     if not long:
-        said = f"holds {len(starts)} recordings of {part.label}, none with {TUNING.fewest_rows} rows"
-        raise InputError(said, table.source, "record longer logs")
+        what = f"holds {len(starts)} recordings of {part.label}, none with {TUNING.fewest_rows} rows"
+        raise InputError(what, table.source, "record longer logs")
     return [(f"{table.source}, {part.label} {part.values[rows.start]:g}", rows) for rows in long]
 
 
@@ -243,11 +245,11 @@ def as_log(source: LogSource, robot: Robot, kept: Mapping[str, Any] = MappingPro
 def angle_unit(table: Table, degrees: bool | None) -> float:
     """Unit, rad, of positions without a stated unit."""
     if degrees is None and (far := far_positions(table)):
-        said = f"positions reach {max(far):.4g}: are they degrees?"
+        what = f"positions reach {max(far):.4g}: are they degrees?"
         if max(far) * DEGREE > TUNING.many_turns:
-            said = f"positions reach {max(far):.4g}, too large for rad or degrees (encoder counts?)"
-            raise InputError(said, table.source, "convert them to rad or degrees (`degrees=False` if they are rad)")
-        raise InputError(said, table.source, "give `degrees=True`, or `degrees=False` if they are rad")
+            what = f"positions reach {max(far):.4g}, too large for rad or degrees (encoder counts?)"
+            raise InputError(what, table.source, "convert them to rad or degrees (`degrees=False` if they are rad)")
+        raise InputError(what, table.source, "give `degrees=True`, or `degrees=False` if they are rad")
     return DEGREE if degrees else 1.0
 
 
@@ -265,8 +267,8 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
             warnings.warn(f"{where} holds torques; gains of currents are ignored", stacklevel=3)
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
         if not torques and stated.of_torques:
-            said = "the log holds currents, but the gains are factors on torques"
-            raise InputError(said, where, "give the gains of currents with `gains`")
+            what = "the log holds currents, but the gains are factors on torques"
+            raise InputError(what, where, "give the gains of currents with `gains`")
     elif torques and not isinstance(stated, Gains | str):
         pattern = pattern_of(table.columns["tau1"].label)
         remedy = f'drop `gains`, or give `columns` i="{pattern}" if they are currents'
@@ -331,7 +333,7 @@ def read_motion(
     if repeated := len(motion.t) - len(later):
         notes = [*notes, f"{table.source}: {repeated:,} rows repeat the time of the row before; they are left out"]
         motion = motion.rows(later)
-    for note in (*table.mended, *notes):
+    for note in (*table.repairs, *notes):
         warnings.warn(note, stacklevel=2)
     if correct is None:
         return motion
@@ -346,8 +348,8 @@ def motion_of_arrays(t: object, q: object, dq: object | None = None) -> Recorded
     shape, columns = given["q"].shape, dict[str, Column]()
     for kind, values in given.items():
         if len(shape) != 2 or values.shape != (shape[:1] if kind == "t" else shape):
-            said = f"{kind} has shape {values.shape}, but q has shape {shape}"
-            raise InputError(said, GIVEN, "give t (N,), and q and dq (N, n)")
+            what = f"{kind} has shape {values.shape}, but q has shape {shape}"
+            raise InputError(what, GIVEN, "give t (N,), and q and dq (N, n)")
         named = zip(["t"] if kind == "t" else numbered(kind, shape[1]), np.atleast_2d(values.T), strict=True)
         columns |= {name: Column(name, column) for name, column in named}
     table = check(Table(columns, GIVEN, rows_of(GIVEN)))

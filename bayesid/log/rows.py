@@ -79,14 +79,14 @@ class RowReader:
         self._columns, self.notes, _ = select_columns(self._layout, source, options or Options())
         self._source, self._degrees, self.bad = source, degrees, 0
         names = [column.name for column in self._columns]
-        one = self._table(np.ones(len(names)))
-        self.n_joints = n = one.n_joints
+        unit_table = self._table(np.ones(len(names)))
+        self.n_joints = n = unit_table.n_joints
         self.signed, self.assumed = signed_joints(np.zeros((1, n)), unsigned, n), unsigned is None
         effort = "tau" if "tau1" in names else "i"
-        angle, made_with = (DEGREE if degrees else 1.0), gains_of_table(one, gains)
-        units = {"q": one.block("q", angle), effort: one.block(effort) * made_with.value}
+        angle, made_with = (DEGREE if degrees else 1.0), gains_of_table(unit_table, gains)
+        units = {"q": unit_table.block("q", angle), effort: unit_table.block(effort) * made_with.value}
         if "dq1" in names:
-            units["dq"] = one.block("dq", angle)
+            units["dq"] = unit_table.block("dq", angle)
         self._blocks = {}
         for kind, unit in units.items():
             self._blocks[kind] = [names.index(f"{kind}{j}") for j in range(1, n + 1)], unit[0]
@@ -98,12 +98,12 @@ class RowReader:
         self._effort = effort
         self._clocks = [k for k, name in enumerate(names) if name in ("t", FRACTION)]
         self._seconds = np.array(
-            [one.columns[names[k]].si(1e-9 if names[k] == FRACTION else 1.0)[0] for k in self._clocks]
+            [unit_table.columns[names[k]].si(1e-9 if names[k] == FRACTION else 1.0)[0] for k in self._clocks]
         )
         self._farthest = np.zeros(len(names))
         self._before = np.full(n, np.nan)
-        self._open = np.array([one.columns[f"q{j}"].unit is None for j in range(1, n + 1)]) & (degrees is None)
-        self._turns = LiveTurns(np.array([not slides(one.columns[f"q{j}"].label) for j in range(1, n + 1)]))
+        self._open = np.array([unit_table.columns[f"q{j}"].unit is None for j in range(1, n + 1)]) & (degrees is None)
+        self._turns = LiveTurns(np.array([not slides(unit_table.columns[f"q{j}"].label) for j in range(1, n + 1)]))
 
     def __iter__(self) -> Iterator[Row | None]:
         """Each sample as soon as its line arrives; None for an invalid row.
@@ -118,7 +118,8 @@ class RowReader:
                     continue
                 if len(cells) != len(self._layout.header):
                     raise ValueError("another number of cells")
-                values = self._decoded(np.array([self._number(cells[one.place], one) for one in self._columns]))
+                numbers = [self._number(cells[column.place], column) for column in self._columns]
+                values = self._decoded(np.array(numbers))
             except InputError:
                 raise
             except (OverflowError, ValueError):  # and letters
@@ -158,8 +159,8 @@ class RowReader:
             values[places] = self._encoding.directed(values[places], values[self._directions])
         elif self._encoding not in (Encoding(MAGNITUDE), TWOS_64):
             if (values[places] < 0.0).any():
-                said = f"has negative efforts, which cannot hold {self._encoding.said}"
-                raise InputError(said, self._source, f"correct `encoding`, or give {MAGNITUDE}")
+                what = f"has negative efforts, which cannot hold {self._encoding.description}"
+                raise InputError(what, self._source, f"correct `encoding`, or give {MAGNITUDE}")
             values[places] = self._encoding.decoded(values[places])
         if (np.abs(np.delete(values, self._clocks)) >= TUNING.absurd).any():
             raise ValueError("numbers out of range")
@@ -186,7 +187,7 @@ class RowReader:
 
     def _table(self, values: Array) -> Table:
         pairs = zip(self._columns, values, strict=True)
-        columns = {one.name: Column(one.label, value[None], one.unit) for one, value in pairs}
+        columns = {column.name: Column(column.label, value[None], column.unit) for column, value in pairs}
         return Table(columns, self._source, rows_of(self._source), self.notes)
 
 

@@ -81,28 +81,28 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
     Raises:
         InputError: too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
     """
-    mended = _mended(log)
-    even = _on_even_grid(mended.motion)
+    clean = _clean(log)
+    even = _on_even_grid(clean.motion)
     t, grid, rate = even.t, even.grid, even.rate
     periods, chosen = np.diff(t), cutoff is None
     cutoff = even.cutoff(cutoff)
     processing: dict[str, object] = {
         "rows": len(log),
         "repeated_rows_dropped": len(log) - len(t),
-        "time_stamps": "as logged" if np.array_equal(t, mended.motion.t) else "evened out",
+        "time_stamps": "as logged" if np.array_equal(t, clean.motion.t) else "evened out",
         "rate_hz": rate,
         "period_ms": {"min": round(1e3 * float(periods.min()), 6), "max": round(1e3 * float(periods.max()), 6)},
         "cutoff_hz": cutoff,
         "cutoff_chosen_from": "data" if chosen else "user",
         "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
         "filter": f"zero-phase Butterworth, order {TUNING.filter_order} each way",
-        "velocity": "measured" if mended.motion.dq is not None else "differentiated",
+        "velocity": "measured" if clean.motion.dq is not None else "differentiated",
     }
     every = max(1, min(-(-len(grid) // TUNING.thinned_from), int(rate / (TUNING.least_over_cutoff * cutoff))))
     kept = slice(None, None, every)  # a long log is thinned as far as its cut-off allows
     if every > 1:
         processing |= {"rate_hz": rate / every, "thinned": f"one sample in {every} of {rate:.6g} Hz"}
-    raw_effort, effort = _efforts(even, mended.effort, log.signed, cutoff, kept)
+    raw_effort, effort = _efforts(even, clean.effort, log.signed, cutoff, kept)
     return Signals(
         motion=even.smooth(cutoff, kept),
         effort=effort,
@@ -111,8 +111,8 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         rate=rate / every,
         cutoff=cutoff,
         processing=processing,
-        measured=_known(grid, t, mended, margin=0.5 / cutoff)[kept],
-        faults=mended.faults,
+        measured=_known(grid, t, clean, margin=0.5 / cutoff)[kept],
+        faults=clean.faults,
     )
 
 
@@ -150,13 +150,13 @@ def _effort_cutoff(cutoff: float, rate: float) -> float:
     return min(2.0 * cutoff, 0.45 * rate)
 
 
-class _Mended(NamedTuple):
+class _CleanLog(NamedTuple):
     """The K distinct rows of a log, with faults interpolated."""
 
     motion: RecordedMotion
     effort: Array
     faults: tuple[Fault, ...]
-    known: dict[tuple[str, int], Mask]  # (K,) sound rows, for each faulty reading and joint
+    known: dict[tuple[str, int], Mask]  # (K,) valid rows, for each faulty reading and joint
 
 
 def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[RecordedMotion, Integers]:
@@ -171,16 +171,16 @@ def _rows(values: Array, kept: Integers) -> Array:
     return values if len(kept) == len(values) else values[kept]
 
 
-def _mended(log: Log) -> _Mended:
+def _clean(log: Log) -> _CleanLog:
     lost, lost_faults = lost_rows(log.t, log.q, log.effort, log.dq)
-    left = np.delete(np.arange(len(log)), lost)
-    effort = _rows(log.effort, left)
-    recorded, keep = _distinct(motion_of_log(log).rows(left), effort)
+    remaining = np.delete(np.arange(len(log)), lost)
+    effort = _rows(log.effort, remaining)
+    recorded, keep = _distinct(motion_of_log(log).rows(remaining), effort)
     t, effort = recorded.t, _rows(effort, keep)
     starts = np.unique([0, *np.searchsorted(t, log.t[[piece.start_row for piece in log.pieces]])]).tolist()
     faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq, [k for k in starts if k < len(t)]))
     known: dict[tuple[str, int], Mask] = {}
-    for fault in (one for one in faults if one.rows.size):
+    for fault in (fault for fault in faults if fault.rows.size):
         known.setdefault((fault.reading, fault.joint), np.ones(len(t), dtype=bool))[fault.rows] = False
     parts = {"position": recorded.q, "effort": effort}
     if recorded.dq is not None:
@@ -188,7 +188,7 @@ def _mended(log: Log) -> _Mended:
     parts |= {name: np.array(parts[name]) for name, _ in known}
     for (name, j), valid in known.items():
         parts[name][:, j] = without(t, parts[name][:, j], valid, smooth=name == "position")
-    for fault in (one for one in faults if one.reading == "velocity" and one.kind != "outlier"):
+    for fault in (fault for fault in faults if fault.reading == "velocity" and fault.kind != "outlier"):
         change = np.gradient(parts["position"][:, fault.joint], t)
         parts["velocity"][fault.rows, fault.joint] = change[fault.rows]
     if (still := still_joints(parts["position"])).any():
@@ -196,18 +196,18 @@ def _mended(log: Log) -> _Mended:
         if recorded.dq is not None:
             parts["velocity"] = np.where(still, 0.0, parts["velocity"])
     motion = replace(recorded, q=parts["position"], dq=parts.get("velocity"))
-    return _Mended(motion, parts["effort"], faults, known)
+    return _CleanLog(motion, parts["effort"], faults, known)
 
 
-def _known(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
+def _known(grid: Array, t: Array, clean: _CleanLog, margin: float) -> Mask:
     """(N, n) whether an instant is farther than `margin`, s, from every pause and its effort has no fault.
 
     A position missing for as long as a pause is a pause of all joints. Shorter gaps are interpolated.
     """
     pauses = np.diff(t) > 2 * TUNING.held_periods * np.median(np.diff(t))
     unknown = [(t[k], t[k + 1] + margin) for k in np.flatnonzero(pauses)]
-    known = np.ones((len(grid), mended.effort.shape[1]), dtype=bool)
-    for (reading, j), rows in mended.known.items():
+    known = np.ones((len(grid), clean.effort.shape[1]), dtype=bool)
+    for (reading, j), rows in clean.known.items():
         if reading == "effort":
             known[:, j] &= rows[_nearest(grid, t)]
         elif reading == "position":
@@ -242,15 +242,14 @@ class _EvenMotion:
             even = None if dq is None else scipy.interpolate.PchipInterpolator(self.t, dq)(self.grid)
             yield scipy.interpolate.CubicSpline(self.t, q)(self.grid), even
 
-    def cutoff(self, asked: float | None) -> float:
+    def cutoff(self, stated: float | None) -> float:
         """The requested cut-off or a chosen one; InputError beyond the Nyquist frequency."""
-        cutoff = choose_cutoff(self.joints(), self.rate) if asked is None else asked
+        cutoff = choose_cutoff(self.joints(), self.rate) if stated is None else stated
         least = TUNING.fewest_cutoff_periods * self.rate / len(self.grid)
         if not least <= cutoff < self.rate / 2:
             remedy = f"give a value between {least:.2g} and {self.rate / 2:g} Hz, half the log's rate"
             log = f"a log of {self.t[-1] - self.t[0]:.3g} s at {self.rate:g} Hz"
-            said = f"a cut-off of {cutoff:g} Hz is out of range for {log}"
-            raise InputError(said, field="cutoff", remedy=remedy)
+            raise InputError(f"a cut-off of {cutoff:g} Hz is out of range for {log}", field="cutoff", remedy=remedy)
         return cutoff
 
     def smooth(self, cutoff: float, kept: slice = slice(None)) -> Motion:

@@ -27,7 +27,7 @@ def table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
     """The table of a file or of data in memory; parts of one run are joined by time."""
     parts = source if isinstance(source, tuple) and all(map(_is_part, source)) else _named_parts(source)
     if parts:
-        tables = [table_of(one, replace(options, part=True)) for one in parts]
+        tables = [table_of(part, replace(options, part=True)) for part in parts]
         return check(join_parts(tables, options.named, motion=options.motion), options.columns)
     if isinstance(source, str | Path):
         return read_table(Path(source), options)
@@ -42,7 +42,7 @@ def _named_parts(source: object) -> list[str]:
     if not isinstance(source, str | Path) or JOINT not in str(source) or os.path.exists(source):
         return []
     names = [name.strip() for name in str(source).split(JOINT) if name.strip()]
-    return [one for name in names for one in (sorted(glob(name)) or [name])]
+    return [path for name in names for path in (sorted(glob(name)) or [name])]
 
 
 def _is_part(source: object) -> bool:
@@ -65,8 +65,8 @@ def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
     for path in chain.from_iterable(map(_matches, patterns)):
         place = os.path.realpath(path)
         if place in named:
-            said = "is given twice" if named[place] == path else f"is the same file as {named[place]}"
-            raise InputError(said, str(path), "give every log once")
+            what = "is given twice" if named[place] == path else f"is the same file as {named[place]}"
+            raise InputError(what, str(path), "give every log once")
         named[place] = path
     return list(named.values())
 

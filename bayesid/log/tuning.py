@@ -8,9 +8,10 @@ from math import pi
 
 @dataclass(frozen=True)
 class Tuning:
-    """Most were halved and doubled (`python -m bayesid.studies.ablation log`).
+    """Constants without a study or a reason are chosen, not measured.
 
-    If that changed a decision on UR10e's log, the constant's text says so.
+    `python -m bayesid.studies.ablation log` halves and doubles most of them; those that changed a decision on UR10e's
+    log are marked.
     """
 
     # What a table may hold
@@ -155,8 +156,7 @@ class Tuning:
     velocity_rows: int = 4
     """Rows over which a velocity is integrated for comparison with the change of position."""
     foreign: float = 1.0
-    """Share of a joint's top speed by which a velocity may differ from the derivative; some drives filter it for 0.5
-    s."""
+    """Share of a joint's top speed by which a velocity may differ from the derivative; some drives filter for 0.5 s."""
     foreign_share: float = 0.2
     """Share of rows above which a deviating velocity is another signal instead of a local fault."""
 

@@ -27,9 +27,9 @@ def unwrapped(q: Array, turning: Sequence[int], starts: Sequence[int]) -> tuple[
         turns = np.rint(steps / _TURN)
         if not turns.any() or np.ptp(q[:, j]) > _TURN + TUNING.wrap_slack:
             continue
-        left = np.abs(steps - _TURN * turns)
-        usual = max(TUNING.wrap_steps * float(np.quantile(left, 0.99)), TUNING.encoder)
-        turns[left > min(usual, TUNING.wrap_slack)] = 0.0
+        remainder = np.abs(steps - _TURN * turns)
+        usual = max(TUNING.wrap_steps * float(np.quantile(remainder, 0.99)), TUNING.encoder)
+        turns[remainder > min(usual, TUNING.wrap_slack)] = 0.0
         if not turns.any():
             continue
         counted[j] = int(np.count_nonzero(turns))
@@ -111,9 +111,9 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
         turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps))
         change, velocity = (part[starting + width] - part[starting] for part in (q[:, j], turned))
         if not change.any() and (moved := float(np.ptp(turned))) > TUNING.stuck:
-            said = f"the position of joint {j + 1} is constant, but its velocity integrates to {moved:.3g} rad"
+            what = f"the position of joint {j + 1} is constant, but its velocity integrates to {moved:.3g} rad"
             remedy = "check the encoder; if the joint does not move, ignore velocities with `columns` dq=none"
-            raise InputError(said, source, remedy)
+            raise InputError(what, source, remedy)
         if not change.any() or np.ptp(q[:, j]) <= TUNING.encoder:
             continue
         factor = _multiple(change, velocity)
@@ -122,13 +122,13 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
             foreign[j] = _is_smooth(q[:, j])
             continue
         if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
-            said = f"the velocity of joint {j + 1} is {factor:.3g} times the derivative of its position"
+            what = f"the velocity of joint {j + 1} is {factor:.3g} times the derivative of its position"
             remedy = "write the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
             if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
                 remedy = "if velocities are in degrees/s, name them dq1[deg/s] and so on"
             elif abs(factor / DEGREE - 1.0) < TUNING.named_unit:
                 remedy = "if positions are in degrees, name them q1[deg] and so on"
-            raise InputError(said, source, f"{remedy}, or ignore velocities with `columns` dq=none")
+            raise InputError(what, source, f"{remedy}, or ignore velocities with `columns` dq=none")
     return foreign
 
 
@@ -141,8 +141,8 @@ def _multiple(change: Array, velocity: Array) -> float | None:
 
 def _without_outliers(change: Array, velocity: Array) -> tuple[Array, Array]:
     """Windows in motion, without the share whose ratio is farthest from the median."""
-    moved = [np.abs(one) > TUNING.weak * np.quantile(np.abs(one), 0.99) for one in (change, velocity)]
-    change, velocity = (one[(moved[0] | moved[1]) & (change != 0.0)] for one in (change, velocity))
+    moved = [np.abs(values) > TUNING.weak * np.quantile(np.abs(values), 0.99) for values in (change, velocity)]
+    change, velocity = (values[(moved[0] | moved[1]) & (change != 0.0)] for values in (change, velocity))
     if not len(change):
         return change, velocity
     off = np.abs(velocity - np.median(velocity / change) * change)

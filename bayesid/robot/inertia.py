@@ -2,10 +2,11 @@
 
 A link's parameters, in its own frame, in this order everywhere in bayesid:
 
-Jxx, Jxy, Jxz, Jyy, Jyz, Jzz kg m^2 inertia about the frame's origin mcx, mcy, mcz kg m first moments (mass times centre
-of mass) m kg mass
+- Jxx, Jxy, Jxz, Jyy, Jyz, Jzz: inertia about the frame's origin, kg m^2
+- mcx, mcy, mcz: first moments (mass times centre of mass), kg m
+- m: mass, kg
 
-They belong to a body with positive density somewhere if and only if the pseudo-inertia
+They are those of a body of nonnegative density if and only if the pseudo-inertia
 
 P(pi) = [[Sigma, h], [h', m]], Sigma = tr(J)/2 E - J, h = (mcx, mcy, mcz)
 

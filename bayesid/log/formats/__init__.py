@@ -151,13 +151,13 @@ def _read_stream(path: Path, options: Options) -> Table:
             while chunk := stream.read(1 << 20):
                 size += len(chunk)
                 if size > TUNING.longest_stream:
-                    said = f"is longer than {TUNING.longest_stream >> 30} GiB"
-                    raise InputError(said, name, "give shorter logs, one at a time")
+                    what = f"is longer than {TUNING.longest_stream >> 30} GiB"
+                    raise InputError(what, name, "give shorter logs, one at a time")
                 file.write(chunk)
         try:
             table = _read_file(copy, options)
         except InputError as error:
             what, where, remedy = (text.replace(str(copy), name) for text in (error.what, error.where, error.remedy))
             raise InputError(what, where, remedy, error.field) from None
-    notes, mended = (tuple(one.replace(str(copy), name) for one in said) for said in (table.notes, table.mended))
-    return replace(table, source=name, place=rows_of(name), notes=notes, mended=mended)
+    notes, repairs = (tuple(text.replace(str(copy), name) for text in part) for part in (table.notes, table.repairs))
+    return replace(table, source=name, place=rows_of(name), notes=notes, repairs=repairs)

@@ -53,8 +53,8 @@ class ParquetFile(Format):
         except (pyarrow.ArrowException, pyarrow.ArrowInvalid, OSError) as error:
             if isinstance(error, FileNotFoundError):
                 raise
-            said = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(f"is damaged ({said})", str(path), "write it again") from None
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"is damaged ({reason})", str(path), "write it again") from None
         vectors: dict[str, Any] = {}
         for name in names:
             vectors |= _vectors(columns.column(name), path, name)
@@ -77,8 +77,8 @@ class MatlabFile(Format):
         try:
             variables = load(path)
         except Exception as error:  # a damaged file may raise any error
-            said = f"cannot be read as a MATLAB file ({type(error).__name__})"
-            raise InputError(said, str(path), "save it again with save(..., '-v7')") from None
+            what = f"cannot be read as a MATLAB file ({type(error).__name__})"
+            raise InputError(what, str(path), "save it again with save(..., '-v7')") from None
         found = _log_of(variables, str(path), named=bool(options.columns))
         for kind in WORDS if not options.columns else ():
             if len(same := [name for name in found if kind_of(name) == kind]) > 1:
@@ -103,8 +103,8 @@ def _check_parquet(file: parquet.ParquetFile, names: Sequence[str], where: str) 
         used = [chunk for chunk in chunks if chunk.path_in_schema.partition(".")[0] in names]
         size += sum(max(8 * chunk.num_values, 8 * group.num_rows, chunk.total_uncompressed_size) for chunk in used)
     if size > bounded.MOST_UNPACKED or metadata.num_rows < 0:
-        said = f"its columns unpack to more than {bounded.MOST_UNPACKED >> 30} GiB"
-        raise InputError(said, where, "cut it into shorter logs and give them all")
+        what = f"its columns unpack to more than {bounded.MOST_UNPACKED >> 30} GiB"
+        raise InputError(what, where, "cut it into shorter logs and give them all")
 
 
 def _vectors(column: pyarrow.ChunkedArray, path: Path, name: str) -> dict[str, Any]:
@@ -115,8 +115,8 @@ def _vectors(column: pyarrow.ChunkedArray, path: Path, name: str) -> dict[str, A
         return {name: (column.cast(float64()) if types.is_decimal(column.type) else column).to_numpy()}
     widths = np.unique(compute.list_value_length(column).to_numpy())
     if len(widths) > 1:
-        said = f"holds lists of {widths.min():g} to {widths.max():g} values"
-        raise InputError(said, f"{path}, column {name}", "write lists of one length in every row")
+        what = f"holds lists of {widths.min():g} to {widths.max():g} values"
+        raise InputError(what, f"{path}, column {name}", "write lists of one length in every row")
     width = int(widths[0]) if len(widths) and np.isfinite(widths[0]) else 0
     return {f"{name}{k + 1}": compute.list_element(column, k).to_numpy() for k in range(width)}
 
@@ -180,7 +180,7 @@ def _check_matlab(content: bytes) -> None:
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:  # version 4 is not compressed
         return
-    left, objects = bounded.MOST_UNPACKED, 0
+    budget, objects = bounded.MOST_UNPACKED, 0
     waiting = [(content[_HEADER:], 0)]  # with the depth of nesting
     while waiting:
         elements, depth = waiting.pop()
@@ -190,10 +190,10 @@ def _check_matlab(content: bytes) -> None:
                 raise ValueError("is nested too deeply")
             if kind == _COMPRESSED:
                 unpacking = zlib.decompressobj()
-                unpacked = unpacking.decompress(inner, left)
+                unpacked = unpacking.decompress(inner, budget)
                 if unpacking.unconsumed_tail:
                     raise ValueError("unpacks to too much")
-                left -= len(unpacked)
+                budget -= len(unpacked)
                 waiting.append((unpacked, depth))
             elif kind == _MATRIX and inner:
                 _check_matrix(inner, order)

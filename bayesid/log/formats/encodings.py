@@ -65,7 +65,7 @@ class Encoding:
         return self.kind if self.kind == MAGNITUDE else f"{self.kind}:{self.number:.12g}"
 
     @property
-    def said(self) -> str:
+    def description(self) -> str:
         """In words."""
         return {
             "twos": f"two's complement of {self.number:g} bits",
@@ -89,11 +89,11 @@ class Encoding:
 
 
 TWOS_64 = Encoding("twos", 64)
-"""Which readers decode, as no float holds it."""
+"""Decoded by the readers of files, as floats cannot hold 64 bits."""
 
 
 def decode(table: Table, stated: str | None = None) -> Table:
-    """A table with decoded signs; a note says what was decoded.
+    """A table with decoded signs, and a note about it.
 
     Args:
         table: as read, with columns dir1.. for directions.
@@ -102,28 +102,28 @@ def decode(table: Table, stated: str | None = None) -> Table:
     Raises:
         InputError: readings seem to hold a sign in an ambiguous code, or do not fit the stated one.
     """
-    plain = {name: one for name, one in table.columns.items() if kind_part(name) != DIRECTION}
-    efforts = {name: one for name, one in plain.items() if kind_part(name) in ("tau", "i") and name != "t"}
+    plain = {name: column for name, column in table.columns.items() if kind_part(name) != DIRECTION}
+    efforts = {name: column for name, column in plain.items() if kind_part(name) in ("tau", "i") and name != "t"}
     table, given = replace(table, columns=plain), table.columns
     chosen = None if stated is None else Encoding.parse(stated)
     if not efforts or not len(table.columns["t"].values):
         return table
-    values, first = np.column_stack([one.values for one in efforts.values()]), next(iter(efforts.values())).label
+    values, first = np.column_stack([column.values for column in efforts.values()]), next(iter(efforts.values())).label
     if table.encoding is not None:
         return _of_64_bits(table, first, chosen)
     if ((values >= WIDE) & (values <= 2.0 * WIDE)).any():
-        said = f"readings such as {first} reach {values.max():.6g}, a rounded 64-bit number with a sign"
-        raise InputError(said, table.source, "log them as integers, or with a sign")
+        what = f"readings such as {first} reach {values.max():.6g}, a rounded 64-bit number with a sign"
+        raise InputError(what, table.source, "log them as integers, or with a sign")
     if not np.isfinite(values).all() or (values < 0.0).any():
         if chosen is not None and chosen.kind != MAGNITUDE and np.isfinite(values).all():
             raise InputError("holds negative efforts already", table.source, "leave `encoding` out")
         return table
     if chosen is not None and chosen.kind == MAGNITUDE:
         seen = _hidden(values).seen
-        return replace(table, mended=(*table.mended, f"{table.source}: {TAKEN} {seen}; {DOUBT}")) if seen else table
+        return replace(table, repairs=(*table.repairs, f"{table.source}: {TAKEN} {seen}; {DOUBT}")) if seen else table
     directions = [given[f"{DIRECTION}{name.removeprefix(kind_part(name))}"] for name in efforts if _has(given, name)]
     if directions and (chosen is None or chosen.kind == "direction"):
-        chosen, signed = _by_direction(table, values, np.column_stack([one.values for one in directions]), chosen)
+        chosen, signed = _by_direction(table, values, np.column_stack([column.values for column in directions]), chosen)
     elif chosen is not None and chosen.kind == "direction":
         remedy = "leave `encoding` out, or name the columns direction1, direction2, .."
         raise InputError("has no direction columns", table.source, remedy)
@@ -137,35 +137,35 @@ def decode(table: Table, stated: str | None = None) -> Table:
         chosen, signed = hidden.encoding, hidden.signed
     if chosen is None:
         return table
-    columns = {name: replace(one, values=column) for (name, one), column in zip(efforts.items(), signed.T, strict=True)}
-    mended = table.mended if stated is not None else (*table.mended, _decoded(table, first, chosen))
-    return replace(table, columns=plain | columns, mended=mended, encoding=str(chosen))
+    columns = {name: replace(efforts[name], values=values) for name, values in zip(efforts, signed.T, strict=True)}
+    repairs = table.repairs if stated is not None else (*table.repairs, _decoded(table, first, chosen))
+    return replace(table, columns=plain | columns, repairs=repairs, encoding=str(chosen))
 
 
-def _decoded(table: Table, label: str, one: Encoding) -> str:
-    return f"{table.source}: readings such as {label} hold {one.said}: decoded"
+def _decoded(table: Table, label: str, encoding: Encoding) -> str:
+    return f"{table.source}: readings such as {label} hold {encoding.description}: decoded"
 
 
 def _of_64_bits(table: Table, label: str, stated: Encoding | None) -> Table:
     """A table whose readings the reader has already decoded, as floats cannot hold them."""
     held = Encoding.parse(str(table.encoding))
     if stated not in (None, held):
-        raise InputError(f"readings such as {label} hold {held.said}", table.source, "leave `encoding` out")
-    return replace(table, mended=(*table.mended, _decoded(table, label, held))) if stated is None else table
+        raise InputError(f"readings such as {label} hold {held.description}", table.source, "leave `encoding` out")
+    return replace(table, repairs=(*table.repairs, _decoded(table, label, held))) if stated is None else table
 
 
 def _has(given: Mapping[str, Column], name: str) -> bool:
     return f"{DIRECTION}{name.removeprefix(kind_part(name))}" in given
 
 
-def _check_stated(one: Encoding, values: Array, signed: Array, source: str) -> None:
+def _check_stated(encoding: Encoding, values: Array, signed: Array, source: str) -> None:
     """InputError for a code that makes all readings (N, n) positive or all negative, or discontinuous."""
-    said = f"readings from {values.min():.6g} to {values.max():.6g} cannot hold {one.said}"
+    what = f"readings from {values.min():.6g} to {values.max():.6g} cannot hold {encoding.description}"
     if not (signed < 0.0).any() or not (signed > 0.0).any():
         side = "below" if not (signed < 0.0).any() else "above"
-        raise InputError(f"{said}: none is {side} zero", source, "correct `encoding`, or leave it out")
-    if one.kind != "offset" and (jumps := _joined_jumps(one, values)) > 1.0 and np.isfinite(jumps):
-        raise InputError(f"{said}: decoding makes them discontinuous", source, "correct `encoding`")
+        raise InputError(f"{what}: none is {side} zero", source, "correct `encoding`, or leave it out")
+    if encoding.kind != "offset" and (jumps := _joined_jumps(encoding, values)) > 1.0 and np.isfinite(jumps):
+        raise InputError(f"{what}: decoding makes them discontinuous", source, "correct `encoding`")
 
 
 # ---- A code in the reading ----
@@ -190,10 +190,10 @@ def _hidden(values: Array) -> _Hidden:
         top = float(counts.max())
         bits = max(1, int(np.floor(np.log2(max(top, 1.0)))) + 1)
         candidates = [Encoding("twos", bits), Encoding("sign-bit", bits - 1)] if bits >= TUNING.code_bits else []
-        jumps = [_joined_jumps(one, counts) for one in candidates]
-        sure = [one for one, jump in zip(candidates, jumps, strict=True) if jump <= TUNING.code_joins]
+        jumps = [_joined_jumps(encoding, counts) for encoding in candidates]
+        sure = [encoding for encoding, jump in zip(candidates, jumps, strict=True) if jump <= TUNING.code_joins]
         if len(sure) == 1:
-            return _Hidden(sure[0], sure[0].decoded(counts) * steps, f"readings look like {sure[0].said}")
+            return _Hidden(sure[0], sure[0].decoded(counts) * steps, f"readings look like {sure[0].description}")
     if (banded := _two_bands(values)) is not None:
         joint, (least, low, high, most) = banded
         seen = f"readings of joint {joint + 1} lie in two bands, {least:.6g} to {low:.6g} and {high:.6g} to {most:.6g}"
@@ -223,17 +223,17 @@ def _count(column: Array) -> float:
     return step if np.abs(distinct / step - np.rint(distinct / step)).max() < TUNING.count_rounding else 0.0
 
 
-def _joined_jumps(one: Encoding, counts: Array) -> float:
+def _joined_jumps(encoding: Encoding, counts: Array) -> float:
     """Steps between both halves of the scale when decoded, over the same steps as recorded.
 
     The ninth decile; infinite if only one half is used.
     """
-    half = 2.0 ** (one.number - (one.kind == "twos"))
+    half = 2.0 ** (encoding.number - (encoding.kind == "twos"))
     upper = counts >= half
     crossed = upper[1:] != upper[:-1]
     if crossed.sum() < TUNING.code_crossings or upper.mean() < TUNING.code_share:
         return np.inf
-    recorded, decoded = (np.abs(np.diff(part, axis=0))[crossed] for part in (counts, one.decoded(counts)))
+    recorded, decoded = (np.abs(np.diff(part, axis=0))[crossed] for part in (counts, encoding.decoded(counts)))
     return float(np.quantile(decoded / recorded, 0.9))
 
 
@@ -289,21 +289,21 @@ def _by_direction(
         return None, values
     signs = kinds[0] < 0.0 < kinds[-1] and kinds[1:-1] in ([], [0.0])
     if signs and (stated is None or stated.number == kinds[0]):
-        one = Encoding("direction", kinds[0])
-        return one, one.directed(values, direction)
+        encoding = Encoding("direction", kinds[0])
+        return encoding, encoding.directed(values, direction)
     if len(kinds) > 2:
-        said = f"direction columns hold {', '.join(f'{one:g}' for one in kinds[:5])}"
-        raise InputError(said, table.source, "write them as -1 and 1")
+        what = f"direction columns hold {', '.join(f'{kind:g}' for kind in kinds[:5])}"
+        raise InputError(what, table.source, "write them as -1 and 1")
     if stated is None:
         work = _work(table, np.where(direction == kinds[1], -values, values))
         if work is None or abs(work) < TUNING.least_work:
             remedy = f"give `encoding` direction:{kinds[1]:g} ({kinds[1]:g} is negative) or direction:{kinds[0]:g}"
-            said = f"direction columns hold {kinds[0]:g} and {kinds[1]:g}; it is not clear which is negative"
-            raise InputError(said, table.source, remedy)
+            what = f"direction columns hold {kinds[0]:g} and {kinds[1]:g}; it is not clear which is negative"
+            raise InputError(what, table.source, remedy)
         stated = Encoding("direction", kinds[int(work > 0.0)])
     elif stated.number not in kinds:
-        said = f"direction columns hold {' and '.join(f'{one:g}' for one in kinds)}, not {stated.number:g}"
-        raise InputError(said, table.source, "correct `encoding`")
+        what = f"direction columns hold {' and '.join(f'{kind:g}' for kind in kinds)}, not {stated.number:g}"
+        raise InputError(what, table.source, "correct `encoding`")
     return stated, stated.directed(values, direction)
 
 

@@ -29,9 +29,9 @@ def without_gaps(table: Table, options: Options) -> Table:
     complete: Mask = np.all(~every, axis=1)
     some: Mask = np.any(~every[:, [name != "t" for name in missing]], axis=1)
     if (share := complete.sum() / max(1, some.sum())) >= TUNING.complete_rows:
-        left = int(len(complete) - complete.sum())
-        note = f"{table.source}: {left:,} of {len(complete):,} rows lack a value; they are left out"
-        return replace(_rows(table, complete), mended=(*table.mended, note))
+        incomplete = int(len(complete) - complete.sum())
+        note = f"{table.source}: {incomplete:,} of {len(complete):,} rows lack a value; they are left out"
+        return replace(_rows(table, complete), repairs=(*table.repairs, note))
     if options.part:
         raise _lacking(table, missing, share)
     parts = [_part(table, {name: gone for name, gone in missing.items() if kind_part(name) == kind}) for kind in _KINDS]
@@ -39,23 +39,23 @@ def without_gaps(table: Table, options: Options) -> Table:
     if len(chosen) < 2 or min(len(part.columns["t"].values) for part in chosen) < TUNING.fewest_rows:
         raise _lacking(table, missing, share)
     joined = join_parts(chosen, options.named, motion=options.motion)
-    return replace(joined, source=table.source, notes=table.notes, mended=(*table.mended, *joined.notes))
+    return replace(joined, source=table.source, notes=table.notes, repairs=(*table.repairs, *joined.notes))
 
 
 def _without_dead(table: Table) -> Table:
     """A table without never-read velocities; a never-read effort among others is set to zero."""
-    dead = {name for name, one in table.columns.items() if len(one.values) and np.isnan(one.values).all()}
+    dead = {name for name, column in table.columns.items() if len(column.values) and np.isnan(column.values).all()}
     efforts = [name for name in table.columns if kind_part(name) in EFFORTS]
     zero = [name for name in efforts if name in dead] if not dead.issuperset(efforts) else []
     unread = list(filter(_is_velocity, table.columns)) if any(map(_is_velocity, dead)) else []
-    columns = {name: one for name, one in table.columns.items() if name not in unread}
+    columns = {name: column for name, column in table.columns.items() if name not in unread}
     columns |= {name: replace(columns[name], values=np.zeros(len(table.t))) for name in zero}
     labels = {name: table.columns[name].label for name in dead}
-    said = [f"column {labels[name]} holds no number in any row; taken as zero" for name in zero]
+    notes = [f"column {labels[name]} holds no number in any row; taken as zero" for name in zero]
     if unread:
         without = ", ".join(labels[name] for name in unread if name in dead)
-        said.append(f"{without} holds no number in any row; velocities are ignored")
-    return replace(table, columns=columns, mended=(*table.mended, *(f"{table.source}: {one}" for one in said)))
+        notes.append(f"{without} holds no number in any row; velocities are ignored")
+    return replace(table, columns=columns, repairs=(*table.repairs, *(f"{table.source}: {note}" for note in notes)))
 
 
 def _is_velocity(name: str) -> bool:
@@ -67,7 +67,7 @@ _KINDS = "q", "dq", "tau", "i"
 
 def _rows(table: Table, kept: Mask) -> Table:
     rows = np.flatnonzero(kept)
-    columns = {name: replace(one, values=one.values[rows]) for name, one in table.columns.items()}
+    columns = {name: replace(column, values=column.values[rows]) for name, column in table.columns.items()}
     return replace(table, columns=columns, place=lambda row: table.place(int(rows[row])))
 
 
@@ -76,7 +76,7 @@ def _part(table: Table, missing: dict[str, Mask]) -> Table | None:
     if not missing:
         return None
     there = ~np.any(list(missing.values()), axis=0) & ~np.isnan(table.columns["t"].values)
-    columns = {name: one for name, one in table.columns.items() if name in missing or name == "t"}
+    columns = {name: column for name, column in table.columns.items() if name in missing or name == "t"}
     what = {"q": "positions", "dq": "velocities"}.get(kind_part(next(iter(missing))), "efforts")
     return replace(_rows(replace(table, columns=columns), there), source=f"{table.source} ({what})", notes=())
 
@@ -84,7 +84,7 @@ def _part(table: Table, missing: dict[str, Mask]) -> Table | None:
 def _lacking(table: Table, missing: dict[str, Mask], share: float) -> InputError:
     worst = max(missing, key=lambda name: int(missing[name].sum()))
     column, gone = table.columns[worst], missing[worst]
-    said = f"column {column.label} holds no number in {percent(gone.mean(), 0)} of the rows"
+    what = f"column {column.label} holds no number in {percent(gone.mean(), 0)} of the rows"
     if gone.mean() < 0.5:
-        said = f"only {percent(share, 0)} of the rows are complete"
-    return InputError(said, table.place(int(np.argmax(gone))), "fill in the values")
+        what = f"only {percent(share, 0)} of the rows are complete"
+    return InputError(what, table.place(int(np.argmax(gone))), "fill in the values")

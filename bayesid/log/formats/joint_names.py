@@ -15,7 +15,7 @@ import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import MOST_DIGITS
-from bayesid.log.formats.labels import factor_of, is_wanted, kind_of, split_brackets
+from bayesid.log.formats.labels import factor_of, is_desired, kind_of, split_brackets
 from bayesid.log.formats.table import Column, Options, SourceColumn
 
 _NAMES = re.compile(r"(?<![a-z])(?:joint_?)?names?[\W_]*[0-9]+\W*$", re.IGNORECASE)
@@ -41,33 +41,33 @@ class ByName(NamedTuple):
     assumed: bool = False
 
 
-def shared_names(wanted: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
-    """The present names that match all wanted joints, each perhaps with a prefix; empty if one is missing."""
-    found = [_alike(name, there) for name in wanted]
+def shared_names(joints: Sequence[str], present: Sequence[str]) -> tuple[str, ...]:
+    """The present names that match all joints, each perhaps with a prefix; empty if one is missing."""
+    found = [_alike(name, present) for name in joints]
     return tuple(map(str, found)) if None not in found and len(set(found)) == len(found) else ()
 
 
-def names_of_robot(robot_joints: Sequence[str], there: Sequence[str], where: str) -> tuple[str, ...]:
+def names_of_robot(robot_joints: Sequence[str], present: Sequence[str], where: str) -> tuple[str, ...]:
     """The same for a robot's joints; InputError if only some are present."""
-    found, chosen = {name: _alike(name, there) for name in robot_joints}, shared_names(robot_joints, there)
+    found, chosen = {name: _alike(name, present) for name in robot_joints}, shared_names(robot_joints, present)
     if chosen or not any(found.values()):
         return chosen
-    missing = [name for name, one in found.items() if one is None]
-    others = [name for name in there if name not in found.values()]
-    shared = ", ".join(name for name, one in found.items() if one is not None)
+    missing = [name for name, match in found.items() if match is None]
+    others = [name for name in present if name not in found.values()]
+    shared = ", ".join(name for name, match in found.items() if match is not None)
     absent, verb = missing or robot_joints, "is" if len(missing or robot_joints) == 1 else "are"
-    said = f"joints {shared} match the robot's, but {', '.join(absent)} {verb} not among {', '.join(there)}"
+    what = f"joints {shared} match the robot's, but {', '.join(absent)} {verb} not among {', '.join(present)}"
     remedy = "give `joints`, the log's names from base to tip"
     if len(missing) == len(others) == 1:
-        names = ",".join(one or others[0] for one in found.values())
+        names = ",".join(match or others[0] for match in found.values())
         remedy = f"if {others[0]} is {missing[0]}, give `joints` {names}; otherwise the log's names from base to tip"
-    raise InputError(said, where, remedy)
+    raise InputError(what, where, remedy)
 
 
-def _alike(name: str, there: Sequence[str]) -> str | None:
+def _alike(name: str, present: Sequence[str]) -> str | None:
     """The only name that is equal or has this ending."""
-    found = [one for one in there if one == name] or [
-        one for one in there if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", one)
+    found = [candidate for candidate in present if candidate == name] or [
+        candidate for candidate in present if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", candidate)
     ]
     return found[0] if len(found) == 1 else None
 
@@ -96,12 +96,13 @@ def columns_by_name(header: Sequence[str], where: str, options: Options, *, alon
     Raises:
         InputError: a given name does not exist, or several topics hold all of them.
     """
-    wanted = options.joints or options.robot_joints
-    known = [one for place, label in enumerate(header) if (one := _read(place, label, wanted or ())) is not None]
-    names = list(dict.fromkeys(one.name for one in known if one.kind == "q"))
-    chosen, assumed = shared_names(wanted or (), names), False
-    if not chosen and options.joints is not None and wanted:
-        missing = next((name for name in wanted if name not in names), wanted[0])
+    expected = options.joints or options.robot_joints
+    found = (_read(place, label, expected or ()) for place, label in enumerate(header))
+    known = [column for column in found if column is not None]
+    names = list(dict.fromkeys(column.name for column in known if column.kind == "q"))
+    chosen, assumed = shared_names(expected or (), names), False
+    if not chosen and options.joints is not None and expected:
+        missing = next((name for name in expected if name not in names), expected[0])
         raise InputError(f"no position column names joint {missing}", where, f"give `joints` of {', '.join(names)}")
     if not chosen:
         if alone and options.joints is None:
@@ -115,13 +116,13 @@ def columns_by_name(header: Sequence[str], where: str, options: Options, *, alon
     for kind in ("q", *([] if options.motion or effort is None else [effort]), "dq"):
         topics = _topics(known, kind, chosen)
         if topic is None and len(topics) > 1:
-            said = f"topics {' and '.join(sorted(topics))} hold positions of all joints"
-            raise InputError(said, where, "remove the columns of one of them")
+            what = f"topics {' and '.join(sorted(topics))} hold positions of all joints"
+            raise InputError(what, where, "remove the columns of one of them")
         topic = topic if topic in topics else next(iter(topics), topic)
         if topics:
-            found = topics[topic if topic in topics else next(iter(topics))]
+            of_name = topics[topic if topic in topics else next(iter(topics))]
             columns += [
-                SourceColumn(f"{kind}{j}", found[name].place, found[name].label, found[name].factor)
+                SourceColumn(f"{kind}{j}", of_name[name].place, of_name[name].label, of_name[name].factor)
                 for j, name in enumerate(chosen, start=1)
             ]
     return ByName(tuple(columns), chosen, assumed) if columns else ByName()
@@ -135,18 +136,18 @@ def _effort(known: Sequence[_Named], names: Sequence[str], options: Options) -> 
 def _topics(known: Sequence[_Named], kind: str, names: Sequence[str]) -> dict[str, Mapping[str, _Named]]:
     """Topics with a kind for all names, and their columns by name; a later column of the same name is ignored."""
     found: dict[str, dict[str, _Named]] = {}
-    for one in known:
-        if one.kind == kind and one.name in names:
-            found.setdefault(one.topic, {}).setdefault(one.name, one)
+    for column in known:
+        if column.kind == kind and column.name in names:
+            found.setdefault(column.topic, {}).setdefault(column.name, column)
     return {topic: columns for topic, columns in found.items() if len(columns) == len(names)}
 
 
-def _read(place: int, label: str, wanted: Sequence[str]) -> _Named | None:
-    """Kind and joint of a label: by a wanted name, or as TOPIC/NAME/KIND or TOPIC/KIND/NAME."""
-    if is_wanted(label):
+def _read(place: int, label: str, expected: Sequence[str]) -> _Named | None:
+    """Kind and joint of a label: by an expected name, or as TOPIC/NAME/KIND or TOPIC/KIND/NAME."""
+    if is_desired(label):
         return None
     plain, unit = split_brackets(label)
-    for name in sorted(wanted, key=len, reverse=True):
+    for name in sorted(expected, key=len, reverse=True):
         found = re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", plain) if name else None
         if found is not None:
             before, after = plain[: found.start()], plain[found.end() :]
@@ -174,7 +175,7 @@ def _named(place: int, label: str, kind: str, name: str, topic: str, unit: str |
 # ---- Names in cells ----
 def name_places(header: Sequence[str], columns: Sequence[SourceColumn]) -> list[int]:
     """Places of the columns with joint names, as `name_0` beside `position_0`; empty if some are missing."""
-    numbers = [_last_number(one.label) for one in columns if re.fullmatch("q[0-9]+", one.name)]
+    numbers = [_last_number(column.label) for column in columns if re.fullmatch("q[0-9]+", column.name)]
     found = {_last_number(label): place for place, label in enumerate(header) if _NAMES.search(label)}
     places = [found.get(number, -1) for number in numbers]
     return places if places and None not in numbers and -1 not in places else []
@@ -196,9 +197,9 @@ def by_cells(
     try:
         order = np.array([[row.index(name) for name in names] for row in map(list, cells)])
     except ValueError:
-        said = f"not all rows name the joints {', '.join(names)}"
-        raise InputError(said, where, "remove the rows of other publishers") from None
-    made = {name: one for name, one in columns.items() if not re.fullmatch("(q|dq|tau|i)[0-9]+", name)}
+        what = f"not all rows name the joints {', '.join(names)}"
+        raise InputError(what, where, "remove the rows of other publishers") from None
+    made = {name: column for name, column in columns.items() if not re.fullmatch("(q|dq|tau|i)[0-9]+", name)}
     for kind in ("q", "dq", "tau", "i"):
         if f"{kind}1" not in columns:
             continue

@@ -54,7 +54,7 @@ recorders with their units."""
 _MEASURED = r"(?:ist(?:wert)?|actual|act|meas|measured|present|feedback|fbk|real|mess(?:wert)?|sensed)"
 _QUALIFIED = re.compile(rf"(?:{_MEASURED})?(?P<of>[a-z]+?)(?:{_MEASURED})?")
 """A usual name may begin or end with a word for measured, as `PosIst`, `present_position` or `q_meas`."""
-_WANTED = re.compile(
+_DESIRED = re.compile(
     r"(?<![^\W_])(target|cmd|commands?|commanded|desired?|des|setpoints?|soll(wert)?|ref(erences?)?|goals?|demand(ed)?|"
     r"planned|plan|dmd|(d{0,2}(q|theta)|tau|tau_?j|[vai])_d)(?![^\W_])",
     re.IGNORECASE,
@@ -90,14 +90,14 @@ def factor_of(kind: str, unit: str) -> float | None:
     return factor if factor is None or count is None else float(count["count"]) * factor
 
 
-def is_wanted(label: str) -> bool:
+def is_desired(label: str) -> bool:
     """Whether a column holds desired values, as `q_d[0]` or `target_q_0`, instead of measured ones."""
     spaced = re.sub("[0-9]+", "", _CAMEL.sub("_", label))
-    return _WANTED.search(spaced) is not None and "torqueref" not in _plain(spaced)  # ABB's name for a measured torque
+    return _DESIRED.search(spaced) is not None and "torqueref" not in _plain(spaced)  # ABB's name for a measured torque
 
 
 def is_measured(label: str) -> bool:
-    """Whether a label says that it is measured, as `actual_q_1`."""
+    """Whether a label has a word for measured, as `actual_q_1`."""
     words = re.split(r"[\W_]+", _CAMEL.sub("_", split_brackets(label).name).casefold())
     return any(re.fullmatch(_MEASURED, word) for word in words)
 
@@ -167,18 +167,18 @@ def read_labels(header: Sequence[str]) -> list[Reading]:
 def time_among(labels: Sequence[str]) -> str | None:
     """The label of the time, by its own name or by another one; None if there is none, or more than one."""
     times = [reading for reading in read_labels(labels) if reading.kind == "t"]
-    best = [reading for reading in times if reading.rank == min(one.rank for one in times)]
+    best = [reading for reading in times if reading.rank == min(time.rank for time in times)]
     return best[0].label if len(best) == 1 else None
 
 
 def kind_of(label: str) -> str | None:
     """The kind of a variable of all joints, by its name without a number; None if unknown."""
-    return None if is_wanted(label) else _kind_of_word(_plain(split_brackets(label).name))
+    return None if is_desired(label) else _kind_of_word(_plain(split_brackets(label).name))
 
 
 def kind_at_end(label: str) -> str | None:
     """The kind of a column by its last word, perhaps after a joint's name: `elbow/position`."""
-    return None if is_wanted(label) else _kind_of_word(_plain(last_word(label)))
+    return None if is_desired(label) else _kind_of_word(_plain(last_word(label)))
 
 
 def last_word(label: str) -> str:
@@ -206,16 +206,16 @@ def kind_part(name: str) -> str:
 
 def _reading(place: int, label: str) -> Reading | None:
     """Meaning of a label, with its unit in brackets or after a "_"; None if unknown."""
-    if is_wanted(label):
+    if is_desired(label):
         return None
     name, unit = split_brackets(label)
     paths = [
         name[match.end() :] for match in _PREFIX.finditer(name)
     ]  # of topics: the shortest ending that has a meaning
-    names = [(one, unit) for one in (name, *reversed(paths))]
+    names = [(path, unit) for path in (name, *reversed(paths))]
     if unit is None:
         names += [(label[: match.start()], label[match.end() :]) for match in re.finditer("_", label)]
-    readings = (_with_unit(place, label, *one, any_current=unit is not None) for one in names)
+    readings = (_with_unit(place, label, *pair, any_current=unit is not None) for pair in names)
     found = next((reading for reading in readings if reading is not None), None)
     return _by_heading(place, label) if found is None else found
 

@@ -33,7 +33,7 @@ _Vector = NDArray[Any]
 def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Table:
     """The columns of a log: `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are ignored.
 
-    With `q="q{}"` the user names the columns of a matrix q. An InputError says what is missing, is not a number, or
+    With `q="q{}"` the user names the columns of a matrix q. InputError if a column is missing, is not a number, or
     differs in length from the time.
     """
     return table_of_vectors(_vectors(variables, source, options.columns or {}), source, options)
@@ -43,13 +43,13 @@ def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Optio
     """The same for vectors (N,) by column labels."""
     chosen, notes, joints = choose(list(vectors), source, options)
     n_rows = len(vectors[chosen[0].label])
-    for one in chosen:
-        if len(vectors[one.label]) != n_rows:
-            said = f"{one.label} has {len(vectors[one.label])} values, {chosen[0].label} has {n_rows}"
-            raise InputError(said, source, "give all of them one value per instant")
-    read = {one.name: _column(one, vectors[one.label], source) for one in chosen}
-    wide = [one for one in chosen if kind_part(one.name) in EFFORTS and _is_wide(vectors[one.label])]
-    read |= {one.name: replace(read[one.name], values=of_64_bits(vectors[one.label])) for one in wide}
+    for column in chosen:
+        if len(vectors[column.label]) != n_rows:
+            what = f"{column.label} has {len(vectors[column.label])} values, {chosen[0].label} has {n_rows}"
+            raise InputError(what, source, "give all of them one value per instant")
+    read = {column.name: _column(column, vectors[column.label], source) for column in chosen}
+    wide = [column for column in chosen if kind_part(column.name) in EFFORTS and _is_wide(vectors[column.label])]
+    read |= {column.name: replace(read[column.name], values=of_64_bits(vectors[column.label])) for column in wide}
     return Table(read, source, rows_of(source), notes, joints=joints, encoding=str(TWOS_64) if wide else None)
 
 
@@ -76,8 +76,8 @@ def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str
     for name, array in arrays.items():
         for label, vector in _split(array, name, n_rows if name != time else None, where).items():
             if label in vectors:
-                said = f"variables {origins[label]} and {name} may be the same"
-                raise InputError(said, where, "give only one of them")
+                what = f"variables {origins[label]} and {name} may be the same"
+                raise InputError(what, where, "give only one of them")
             vectors[label], origins[label] = vector, name
     return vectors
 
@@ -95,11 +95,11 @@ def _split(array: _Vector, name: str, n_rows: int | None, where: str) -> dict[st
     if n_rows is not None or array.ndim != 2:
         count = n_rows or len(array)
         if matrix.shape == (count, count):
-            said = f"variable {name} is square, so its rows or its columns may be instants"
-            raise InputError(said, where, "shorten the log by a row")
+            what = f"variable {name} is square, so its rows or its columns may be instants"
+            raise InputError(what, where, "shorten the log by a row")
         if matrix.ndim != 2 or count not in matrix.shape:
-            said = f"variable {name} has shape {array.shape} for {count} instants"
-            raise InputError(said, where, "give it one row per instant")
+            what = f"variable {name} has shape {array.shape} for {count} instants"
+            raise InputError(what, where, "give it one row per instant")
         matrix = matrix if matrix.shape[0] == count else matrix.T
     label, unit = split_brackets(name)
     behind = "" if unit is None else f" [{unit}]"
@@ -114,19 +114,19 @@ def _array(value: Any) -> _Vector:
         return np.array(None)
 
 
-def _column(one: SourceColumn, values: _Vector, where: str) -> Column:
+def _column(column: SourceColumn, values: _Vector, where: str) -> Column:
     """A column as numbers; a time may be time stamps or durations."""
-    kind, label = values.dtype.kind, one.label
-    if one.name == "t" and kind in "mM" and not np.isnat(values).any():
+    kind, label = values.dtype.kind, column.label
+    if column.name == "t" and kind in "mM" and not np.isnat(values).any():
         nanoseconds = values.astype("datetime64[ns]" if kind == "M" else "timedelta64[ns]")
         return Column(label, seconds(nanoseconds.astype(np.int64)), 1.0)
     for row, value in enumerate(values if kind in "OUS" else ()):
         if isinstance(value, str) or not np.isscalar(value):
             plain = value.item() if isinstance(value, np.generic) else value
-            said = f"column {label} holds {plain!r:.40}, not a number"
-            raise InputError(said, rows_of(where)(row), "give it as floats, or give the path of the file")
+            what = f"column {label} holds {plain!r:.40}, not a number"
+            raise InputError(what, rows_of(where)(row), "give it as floats, or give the path of the file")
     try:
-        return Column(label, values.astype(float, casting="unsafe" if kind in "Obiuf" else "safe"), one.unit)
+        return Column(label, values.astype(float, casting="unsafe" if kind in "Obiuf" else "safe"), column.unit)
     except (TypeError, ValueError):
         raise InputError(f"column {label} holds {values.dtype}, not numbers", where, "give it as floats") from None
 
@@ -162,9 +162,9 @@ def _by_name(source: Any) -> dict[str, Any]:
         return {name: source[name] for name in source.dtype.names}
     if isinstance(source, Frame) and not isinstance(source, type):
         return _of_frame(source)
-    said = "an array without names" if isinstance(source, np.ndarray) else f"not a log: {kind}"
+    what = "an array without names" if isinstance(source, np.ndarray) else f"not a log: {kind}"
     remedy = "give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and tau or i"
-    raise InputError(f"is {said}", "log", f"{remedy}; bayesid.read_log joins several logs")
+    raise InputError(f"is {what}", "log", f"{remedy}; bayesid.read_log joins several logs")
 
 
 def _of_frame(frame: Frame) -> dict[str, Any]:

@@ -63,31 +63,32 @@ _Family = Mapping[int, Reading]  # columns of one kind with equal names, by the 
 def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     """Columns of a header that make a log: time, positions, efforts and, if measured, velocities of all joints.
 
-    Columns that the options do not name are found by their own names. An InputError says which column is missing,
-    appears twice or is ambiguous.
+    Columns that the options do not name are found by their own names. InputError if a column is missing, appears twice
+    or is ambiguous.
     """
     columns = options.named
     if options.part:
         columns = {key: pattern for key, pattern in columns.items() if fits(kind_part(key), pattern, header)}
-    own = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
-    convention = None if {"t", "q"} <= own and own & set(EFFORTS) else convention_of(header)
+    plain_kinds = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
+    convention = None if {"t", "q"} <= plain_kinds and plain_kinds & set(EFFORTS) else convention_of(header)
     if convention is not None:
         columns = convention.stated(header, columns, currents=options.currents, motion=options.motion)
-    found = {one.name: one for one in stated_columns(header, columns, where, described(header))} if columns else {}
+    stated = stated_columns(header, columns, where, described(header)) if columns else []
+    found = {column.name: column for column in stated}
     named = _by_name(header, columns, found, where, options)
-    found |= {one.name: one for one in named.columns}
+    found |= {column.name: column for column in named.columns}
     families = [] if named.columns and options.part else _families(header, columns, found, where, options)
-    families = [one for one in families if options.velocities or next(iter(one.values())).kind != "dq"]
-    found = {name: one for name, one in found.items() if options.velocities or kind_part(name) != "dq"}
+    families = [family for family in families if options.velocities or next(iter(family.values())).kind != "dq"]
+    found = {name: column for name, column in found.items() if options.velocities or kind_part(name) != "dq"}
     _check_start(families, where)
     _check_measured(families, header, where)
-    for one, zero in ((one, 0 in family) for family in families for one in family.values()):
-        name = one.kind if one.kind == "t" else f"{one.kind}{one.number + zero}"
-        found.setdefault(name, SourceColumn(name, one.place, one.label, one.factor))
+    for reading, zero in ((reading, 0 in family) for family in families for reading in family.values()):
+        name = reading.kind if reading.kind == "t" else f"{reading.kind}{reading.number + zero}"
+        found.setdefault(name, SourceColumn(name, reading.place, reading.label, reading.factor))
     if named.columns and "t" not in found:
-        found |= {one.name: one for one in _time(header)}
+        found |= {column.name: column for column in _time(header)}
     if FRACTION not in found and "t" not in columns:
-        found |= {one.name: one for one in _split_time(header, found)}
+        found |= {column.name: column for column in _split_time(header, found)}
     notes = (order_note(where, named.names),) if named.assumed else ()
     if options.part:
         part = _part(found, header, where)
@@ -95,11 +96,11 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     chosen = _complete(found, header, where, options, columns, "" if convention is None else convention.lacking)
     if convention is not None and convention.part is not None and convention.part in header:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
-    chosen += tuple(one for one in found.values() if one.name == FRACTION)
+    chosen += tuple(column for column in found.values() if column.name == FRACTION)
     chosen += _directions(header, chosen)
-    words = {one.word for family in families for one in family.values() if one.rank >= OTHER}
+    words = {reading.word for family in families for reading in family.values() if reading.rank >= OTHER}
     note = _note(header, chosen, convention) if words or convention is not None else ""
-    if not note and any(one.rank == BY_HEADING for family in families for one in family.values()):
+    if not note and any(reading.rank == BY_HEADING for family in families for reading in family.values()):
         warnings.warn(f"columns by their headings: {_meanings(chosen)}", ReadingNote, stacklevel=2)
     if "aspos" in words:  # of RSI
         note += f"{'; ' if note else ''}positions are commanded ones (ASPos), which the axes follow with a lag"
@@ -113,34 +114,35 @@ def _by_name(
     """Columns named after joints, if neither a log's names nor the user define them."""
     if {"q", *EFFORTS} & {*map(kind_part, found), *map(kind_part, columns)}:
         return ByName()
-    positions = [one for one in read_labels(header) if one.kind == "q"]
-    if any(one.rank < OTHER for one in positions):
+    positions = [reading for reading in read_labels(header) if reading.kind == "q"]
+    if any(reading.rank < OTHER for reading in positions):
         return ByName()
     return columns_by_name(header, where, options, alone=not positions)
 
 
 def _time(header: Sequence[str]) -> list[SourceColumn]:
     label = time_among(header)
-    return [SourceColumn("t", one.place, label, one.factor) for one in read_labels(header) if one.label == label]
+    times = (reading for reading in read_labels(header) if reading.label == label)
+    return [SourceColumn("t", time.place, time.label, time.factor) for time in times]
 
 
 def _split_time(header: Sequence[str], found: Mapping[str, SourceColumn]) -> list[SourceColumn]:
     """Columns of whole seconds and of fractions, if a time has both and there is no other."""
     words = {place: last_word(label.replace("_", ".")).casefold() for place, label in enumerate(header)}
     whole = [place for place, word in words.items() if word in ("sec", "secs", "seconds")]
-    rest = [(place, _FRACTIONS[word]) for place, word in words.items() if word in _FRACTIONS]
-    if ("t" in found and found["t"].place not in whole) or not whole or not rest:
+    fractions = [(place, _FRACTIONS[word]) for place, word in words.items() if word in _FRACTIONS]
+    if ("t" in found and found["t"].place not in whole) or not whole or not fractions:
         return []
     return [
         SourceColumn("t", whole[0], header[whole[0]], 1.0),
-        SourceColumn(FRACTION, rest[0][0], header[rest[0][0]], rest[0][1]),
+        SourceColumn(FRACTION, fractions[0][0], header[fractions[0][0]], fractions[0][1]),
     ]
 
 
 def _directions(header: Sequence[str], chosen: Sequence[SourceColumn]) -> tuple[SourceColumn, ...]:
     """Columns with the directions of all joints' efforts, by number; empty if one is missing."""
-    efforts = [one for one in chosen if kind_part(one.name) in EFFORTS]
-    numbers = [_last_number(one.label) for one in efforts]
+    efforts = [effort for effort in chosen if kind_part(effort.name) in EFFORTS]
+    numbers = [_last_number(effort.label) for effort in efforts]
     found: dict[int, SourceColumn] = {}
     for place, label in enumerate(header):
         if _DIRECTION.search(_CAMEL.sub("_", label)) and (number := _last_number(label)) is not None:
@@ -148,8 +150,8 @@ def _directions(header: Sequence[str], chosen: Sequence[SourceColumn]) -> tuple[
     if not efforts or None in numbers or not set(numbers) <= set(found):
         return ()
     return tuple(
-        replace(found[number], name=f"{DIRECTION}{one.name.removeprefix(kind_part(one.name))}")
-        for one, number in zip(efforts, numbers, strict=True)
+        replace(found[number], name=f"{DIRECTION}{effort.name.removeprefix(kind_part(effort.name))}")
+        for effort, number in zip(efforts, numbers, strict=True)
         if number is not None
     )
 
@@ -170,27 +172,27 @@ def _part(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) 
             unit = split_brackets(labels[0]).unit
             factor = None if unit is None else factor_of(kind, unit)
             chosen.append(SourceColumn(kind, header.index(labels[0]), labels[0], factor))
-    torques = any(kind_part(one.name) == "tau" for one in chosen)
-    return Chosen(tuple(one for one in chosen if not (torques and kind_part(one.name) == "i")))
+    torques = any(kind_part(column.name) == "tau" for column in chosen)
+    return Chosen(tuple(column for column in chosen if not (torques and kind_part(column.name) == "i")))
 
 
 def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Convention | None) -> str:
     """Message about chosen columns; empty if their names are unambiguous."""
     taken = {source.label for source in chosen}
     others = (label for label in header if label not in taken and _QUANTITY.search(label.replace("_", " ")))
-    left = [pattern for pattern, count in Counter(map(pattern_of, others)).items() if count >= 2]
-    if convention is None and not left:
+    unused = [pattern for pattern, count in Counter(map(pattern_of, others)).items() if count >= 2]
+    if convention is None and not unused:
         return ""
-    beside = f", not {', '.join(left[:6])}{' and others' if len(left) > 6 else ''}" if left else ""
+    beside = f", not {', '.join(unused[:6])}{' and others' if len(unused) > 6 else ''}" if unused else ""
     by = "" if convention is None else f"as in {convention.name}, "
-    says = f"; {convention.says}" if convention is not None and convention.says else ""
-    return f"{by}{_meanings(chosen)}{beside}{says}"
+    remark = f"; {convention.remark}" if convention is not None and convention.remark else ""
+    return f"{by}{_meanings(chosen)}{beside}{remark}"
 
 
 def _meanings(chosen: Sequence[SourceColumn]) -> str:
     """As in "t is Zeit [ms], q is Achse{}"."""
-    used = dict.fromkeys((kind_part(one.name), pattern_of(one.label)) for one in chosen if one.name != "part")
-    return ", ".join(f"{kind} is {label}" for kind, label in used)
+    pairs = ((kind_part(column.name), pattern_of(column.label)) for column in chosen if column.name != "part")
+    return ", ".join(f"{kind} is {label}" for kind, label in dict.fromkeys(pairs))
 
 
 def _families(
@@ -205,53 +207,54 @@ def _families(
     named = {kind: {_joint(name) for name in stated if kind_part(name) == kind} for kind in kinds - columns.keys()}
     closed = (kinds | (set(EFFORTS) if options.motion or kinds & set(EFFORTS) else set())) - named.keys()
     taken = {source.place for source in stated.values()}
-    readings = [one for one in read_labels(header) if one.place not in taken and one.kind not in closed]
-    own = {kind: _own_family(readings, kind, where) for kind in WORDS}
-    own |= {kind: own[kind] or _others_beside(readings, kind, joints) for kind, joints in named.items()}
+    readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in closed]
+    by_kind = {kind: _plain_family(readings, kind, where) for kind in WORDS}
+    by_kind |= {kind: by_kind[kind] or _others_beside(readings, kind, joints) for kind, joints in named.items()}
     first, second = ("i", "tau") if options.currents else ("tau", "i")
-    effort = next((kind for kind in (first, second) if own[kind] or kind in named), None)
-    known = {*closed, *named, *(kind for kind in WORDS if own[kind])}
+    effort = next((kind for kind in (first, second) if by_kind[kind] or kind in named), None)
+    known = {*closed, *named, *(kind for kind in WORDS if by_kind[kind])}
     if {"t", "q"} <= known and known & set(EFFORTS):
-        return [own[kind] for kind in ("t", "q", effort, "dq") if kind is not None and own[kind]]
-    found: dict[str, _Family] = {kind: own[kind] for kind in ("q", "t", "dq", effort) if kind is not None}
+        return [by_kind[kind] for kind in ("t", "q", effort, "dq") if kind is not None and by_kind[kind]]
+    found: dict[str, _Family] = {kind: by_kind[kind] for kind in ("q", "t", "dq", effort) if kind is not None}
     for kind in ("q", "t", "dq", *((first, second) if effort is None else ())):
         if kind in closed or kind in named or found.get(kind) or (kind == second and found.get(first)):
             continue
-        prefix = next((one.prefix for one in found["q"].values()), "")
+        prefix = next((reading.prefix for reading in found["q"].values()), "")
         found[kind] = _other_family(readings, kind, where, prefix)
     return [family for family in found.values() if family]
 
 
-def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
+def _plain_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
     """Columns named as in a CSV log; those with a unit in the name count if no other has the name."""
-    own = [one for one in readings if one.kind == kind and one.rank < OTHER]
-    plain = {one.number for one in own if one.rank == 0}
+    candidates = [reading for reading in readings if reading.kind == kind and reading.rank < OTHER]
+    plain = {reading.number for reading in candidates if reading.rank == 0}
     family: dict[int, Reading] = {}
-    for one in sorted(own, key=lambda one: one.rank):
-        if one.rank == 1 and one.number in plain:
+    for reading in sorted(candidates, key=lambda reading: reading.rank):
+        if reading.rank == 1 and reading.number in plain:
             continue
-        if one.number in family:
-            said = f"column {kind if kind == 't' else f'{kind}{one.number}'} appears twice"
-            raise InputError(said, where, "give every column its own name")
-        family[one.number] = one
+        if reading.number in family:
+            what = f"column {kind if kind == 't' else f'{kind}{reading.number}'} appears twice"
+            raise InputError(what, where, "give every column its own name")
+        family[reading.number] = reading
     return family
 
 
 def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: str) -> _Family:
     """Columns of a kind with one other word, of the lowest rank, after a prefix."""
-    others = [one for one in readings if one.kind == kind and one.rank >= OTHER]
-    others = [one for one in others if one.rank == min(other.rank for other in others)]
-    if prefix and len({one.word for one in others}) == 1 and len({one.number for one in others}) < len(others):
-        others = [one for one in others if one.prefix == prefix] or others
+    others = [reading for reading in readings if reading.kind == kind and reading.rank >= OTHER]
+    others = [reading for reading in others if reading.rank == min(other.rank for other in others)]
+    words, numbers = ({getattr(reading, key) for reading in others} for key in ("word", "number"))
+    if prefix and len(words) == 1 and len(numbers) < len(others):
+        others = [reading for reading in others if reading.prefix == prefix] or others
     family: dict[int, Reading] = {}
-    for one in others:
-        beside = family.get(one.number) or next((other for other in others if other.word != one.word), None)
+    for reading in others:
+        beside = family.get(reading.number) or next((other for other in others if other.word != reading.word), None)
         if beside is not None:
-            first, second = sorted((one, beside))
+            first, second = sorted((reading, beside))
             meant = "the time" if kind == "t" else kind
-            said = f"columns {first.label} and {second.label} could both be {meant}"
-            raise InputError(said, where, f'choose one with {OPTION} {kind}="{pattern_of(first.label)}"')
-        family[one.number] = one
+            what = f"columns {first.label} and {second.label} could both be {meant}"
+            raise InputError(what, where, f'choose one with {OPTION} {kind}="{pattern_of(first.label)}"')
+        family[reading.number] = reading
     return family
 
 
@@ -263,24 +266,24 @@ def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> 
     """
     if len(joints) > 1 and max(joints) == len(joints):
         return {}
-    those = [one for one in readings if one.kind == kind and one.rank >= OTHER]
-    family = {one.number: one for one in those}
-    if len({one.word for one in those}) != 1 or len(family) < len(those) or (1 in joints and 0 not in family):
-        return {}
-    return family
+    candidates = [reading for reading in readings if reading.kind == kind and reading.rank >= OTHER]
+    family = {reading.number: reading for reading in candidates}
+    words = {reading.word for reading in candidates}
+    ambiguous = len(words) != 1 or len(family) < len(candidates) or (1 in joints and 0 not in family)
+    return {} if ambiguous else family
 
 
 def _check_measured(families: Sequence[_Family], header: Sequence[str], where: str) -> None:
-    """InputError if plain names occur beside names that say that they are measured."""
+    """InputError if plain names occur beside names with a word for measured."""
     readings = read_labels(header)
     for family in families:
         plain = next(iter(family.values()))
-        measured = [one for one in readings if one.kind == plain.kind and is_measured(one.label)]
-        if plain.rank >= OTHER or plain.kind == "t" or len({one.number for one in measured}) < len(family):
+        measured = [reading for reading in readings if reading.kind == plain.kind and is_measured(reading.label)]
+        if plain.rank >= OTHER or plain.kind == "t" or len({reading.number for reading in measured}) < len(family):
             continue
-        first = next((one for one in measured if one.number == plain.number), measured[0])
-        said = f"columns {plain.label} and {first.label} could both be {plain.kind}"
-        raise InputError(said, where, f'choose one with {OPTION} {plain.kind}="{pattern_of(first.label)}"')
+        first = next((reading for reading in measured if reading.number == plain.number), measured[0])
+        what = f"columns {plain.label} and {first.label} could both be {plain.kind}"
+        raise InputError(what, where, f'choose one with {OPTION} {plain.kind}="{pattern_of(first.label)}"')
 
 
 def _check_start(families: Sequence[_Family], where: str) -> None:
@@ -291,9 +294,9 @@ def _check_start(families: Sequence[_Family], where: str) -> None:
     n = min(max(family) for family in from_one)
     patterns = {family[max(family)].kind: pattern_of(family[max(family)].label) for family in numbered}
     ranges = ",".join(f'{kind}="{pattern}"'.replace("{}", f"{{1-{n}}}") for kind, pattern in patterns.items())
-    spans = [f"{one[min(one)].label}..{one[max(one)].label}" for one in (from_zero[0], from_one[0])]
-    said = f"{spans[0]} count from 0, {spans[1]} from 1"
-    raise InputError(said, where, f"state which belong together with {OPTION}, as in {ranges}")
+    spans = [f"{family[min(family)].label}..{family[max(family)].label}" for family in (from_zero[0], from_one[0])]
+    what = f"{spans[0]} count from 0, {spans[1]} from 1"
+    raise InputError(what, where, f"state which belong together with {OPTION}, as in {ranges}")
 
 
 def _complete(
@@ -307,11 +310,11 @@ def _complete(
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
     needed = {"column t": ("t", "t" in found), "column q1": ("q", n > 0)}
     needed[_EFFORT] = "tau", options.motion or _highest(effort, found) > 0
-    for said, (kind, is_there) in needed.items():
+    for column, (kind, is_there) in needed.items():
         if not is_there:
             _check_units(header, where, kind)
-            remedy = lacking if lacking and said == _EFFORT else suggestion(header, found, given)
-            raise InputError(f"{said} is missing{described(header, found)}", where, remedy)
+            remedy = lacking if lacking and column == _EFFORT else suggestion(header, found, given)
+            raise InputError(f"{column} is missing{described(header, found)}", where, remedy)
     chosen = [found["t"]]
     for kind in ["q", *([] if options.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):

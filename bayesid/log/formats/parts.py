@@ -34,20 +34,21 @@ def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, mo
     kept = _common(parts, base)
     instants = base.t[kept]
     joined = {"t": Column(base.columns["t"].label, instants, 1.0)}
-    said = []
+    sentences = []
     for part in parts:
-        values, how = _brought(part, base, instants, kept)
-        said += [how] if how else []
+        values, how = _resampled(part, base, instants, kept)
+        sentences += [how] if how else []
         named = {name: column for name, column in part.columns.items() if name in values}
         joined |= {name: replace(column, values=values[name]) for name, column in named.items()}
     stamps = f"the stamps of {base.source} ({1.0 / _period(base.t):.4g} Hz)"
-    said = [f"{source}: joined by time: {len(instants):,} rows at {stamps}", *dict.fromkeys(said)]
-    if left := len(base.t) - len(kept):
-        said.append(f"{left:,} rows outside the other files' time ranges are left out")
-    notes = (*(note for table in tables for note in table.notes), "; ".join(said))
-    whole, mended = _in_order(joined, source, motion=motion), tuple(one for table in tables for one in table.mended)
+    sentences = [f"{source}: joined by time: {len(instants):,} rows at {stamps}", *dict.fromkeys(sentences)]
+    if outside := len(base.t) - len(kept):
+        sentences.append(f"{outside:,} rows outside the other files' time ranges are left out")
+    notes = (*(note for table in tables for note in table.notes), "; ".join(sentences))
+    whole = _in_order(joined, source, motion=motion)
+    repairs = tuple(repair for table in tables for repair in table.repairs)
     encoding = next((table.encoding for table in tables if table.encoding is not None), None)
-    return Table(whole, source, lambda row: base.place(int(kept[row])), notes, mended, encoding=encoding)
+    return Table(whole, source, lambda row: base.place(int(kept[row])), notes, repairs, encoding=encoding)
 
 
 def _block(part: Table, kinds: Sequence[str]) -> dict[str, Array]:
@@ -65,7 +66,7 @@ def _numbered(tables: Sequence[Table]) -> list[Table]:
     numbered = []
     for table in tables:
         counts.update(bare := {"q", "dq", *EFFORTS} & table.columns.keys())
-        columns = {f"{name}{counts[name]}" if name in bare else name: one for name, one in table.columns.items()}
+        columns = {f"{name}{counts[name]}" if name in bare else name: column for name, column in table.columns.items()}
         numbered.append(replace(table, columns=columns))
     return numbered
 
@@ -76,14 +77,14 @@ def _check_names(parts: Sequence[Table], stated: Mapping[str, str], source: str,
     for part in parts:
         for name in (name for name in part.columns if name != "t"):
             if name in owners:
-                said = f"{name} is in {owners[name]} and in {part.source}"
-                raise InputError(said, source, f"remove one of them, or choose one with {OPTION}")
+                what = f"{name} is in {owners[name]} and in {part.source}"
+                raise InputError(what, source, f"remove one of them, or choose one with {OPTION}")
             owners[name] = part.source
     there = {*owners, *map(kind_part, owners), "t"}
     for key, pattern in stated.items():
         if key not in there:
-            said = f"no part has a column {pattern}"
-            raise InputError(said, source, f"give {OPTION} an existing name")
+            what = f"no part has a column {pattern}"
+            raise InputError(what, source, f"give {OPTION} an existing name")
     for kinds, what in ((("q",), "positions q1.."), (() if motion else EFFORTS, "efforts tau1.. or i1..")):
         if kinds and not there & set(kinds):
             raise InputError(f"no part holds {what}", source, f"add the file with them, or name them with {OPTION}")
@@ -94,12 +95,12 @@ def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dic
     n = sum(kind_part(name) == "q" for name in joined)
     kinds = {kind_part(name) for name in joined} - {"t", "q"}
     effort = [] if motion else [next(kind for kind in EFFORTS if kind in kinds)]
-    wanted = ["q", *effort, *(["dq"] if "dq" in kinds else [])]
-    for kind in wanted:
+    needed = ["q", *effort, *(["dq"] if "dq" in kinds else [])]
+    for kind in needed:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in joined:
                 raise InputError(f"{kind}{j} is in no part", source, f"add its file; there are positions of {n} joints")
-    names = ["t", *(f"{kind}{j}" for kind in wanted for j in range(1, n + 1))]
+    names = ["t", *(f"{kind}{j}" for kind in needed for j in range(1, n + 1))]
     return {name: joined[name] for name in names}
 
 
@@ -123,23 +124,23 @@ def _covered(part: Table, t: Array) -> Mask:
     return inside & (part.t[after] - part.t[after - 1] <= TUNING.held_periods * _period(part.t))
 
 
-def _brought(part: Table, base: Table, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
+def _resampled(part: Table, base: Table, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
     """A part's columns at the instants, and a message on how; empty if the stamps are equal."""
     everything = _block(part, ("q", "dq", *EFFORTS))
     if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= TUNING.same_stamp * _period(base.t):
         return {name: values[kept] for name, values in everything.items()}, ""
-    values, said = {}, []
+    values, sentences = {}, []
     motion, efforts = _block(part, ("q", "dq")), _block(part, EFFORTS)
     if motion:
         rows = distinct_rows(part.t, [np.column_stack(list(motion.values()))])
         for name, column in motion.items():
             curve = scipy.interpolate.CubicSpline if kind_part(name) == "q" else scipy.interpolate.PchipInterpolator
             values[name] = curve(part.t[rows], column[rows])(instants)
-        said.append(f"positions of {part.source} ({1.0 / _period(part.t):.4g} Hz) by a spline")
+        sentences.append(f"positions of {part.source} ({1.0 / _period(part.t):.4g} Hz) by a spline")
     if efforts:
         after = np.clip(np.searchsorted(part.t, instants), 1, len(part.t) - 1)
         nearest = after - (instants - part.t[after - 1] < part.t[after] - instants)
         values |= {name: column[nearest] for name, column in efforts.items()}
         off = float(np.abs(part.t[nearest] - instants).max())
-        said.append(f"efforts of {part.source} from its nearest stamps, at most {1e3 * off:.3g} ms away")
-    return values, ", ".join(said)
+        sentences.append(f"efforts of {part.source} from its nearest stamps, at most {1e3 * off:.3g} ms away")
+    return values, ", ".join(sentences)

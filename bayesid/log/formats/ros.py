@@ -75,8 +75,8 @@ class RosBag(Format):
         messages = [message for message in topics[topic] if set(names) <= set(message.names)]
         if not messages:
             known = dict.fromkeys(name for message in topics[topic] for name in message.names)
-            said = f"no message holds all of the joints {', '.join(names)}"
-            raise InputError(said, where, f"give `joints` from {', '.join(known)}")
+            what = f"no message holds all of the joints {', '.join(names)}"
+            raise InputError(what, where, f"give `joints` from {', '.join(known)}")
         stamped = any(message.stamp for message in messages)  # any: a simulation's clock begins at zero
         times = seconds([message.stamp if stamped else message.received for message in messages])
         columns = {"t": Column("t", times, 1.0)}
@@ -86,9 +86,9 @@ class RosBag(Format):
         for kind, block in blocks.items():
             missing = [k for k, row in enumerate(block) if row is None]
             if missing:
-                said = f"lacks {'positions' if kind == 'q' else 'efforts'} of some joints"
+                what = f"lacks {'positions' if kind == 'q' else 'efforts'} of some joints"
                 remedy = "record joint states with positions and efforts of all joints"
-                raise InputError(said, f"{where}, message {missing[0] + 1}", remedy)
+                raise InputError(what, f"{where}, message {missing[0] + 1}", remedy)
         velocity = _block(messages, "velocity", names)
         if all(row is not None and np.isfinite(row).all() for row in velocity):
             blocks["dq"] = velocity
@@ -143,8 +143,8 @@ def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: s
         return next(iter(topics))
     chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
     if len(chosen) != 1:
-        said = f"{len(chosen) or 'none'} of the topics {', '.join(topics)} {'have' if chosen else 'has'} efforts"
-        raise InputError(said, where, "choose one with `topic`" if chosen else "record one with efforts")
+        what = f"{len(chosen) or 'none'} of the topics {', '.join(topics)} {'have' if chosen else 'has'} efforts"
+        raise InputError(what, where, "choose one with `topic`" if chosen else "record one with efforts")
     return chosen[0]
 
 
@@ -156,8 +156,8 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
     first = messages[0].names
     for message in messages:
         if set(message.names) != set(first):
-            said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
-            raise InputError(said, where, "give `joints` from base to tip")
+            what = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
+            raise InputError(what, where, "give `joints` from base to tip")
     return in_order(first)
 
 
@@ -202,8 +202,8 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, str]]:
                     return
                 codec = file.read(min(_CHUNK_HEAD.unpack(fixed)[-1], size)).decode(errors="replace")
                 file.read(8)  # the size of what follows
-                if codec in ("zstd", "lz4") and (left := end - file.tell()) > 0:
-                    yield file.read(left), codec
+                if codec in ("zstd", "lz4") and (remaining := end - file.tell()) > 0:
+                    yield file.read(remaining), codec
             file.seek(min(end, (1 << 63) - 1))
 
 

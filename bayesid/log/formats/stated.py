@@ -96,8 +96,8 @@ def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str
         for name, match in zip(names, matches, strict=True):
             label, factor = header[match.place], None if match.unit is None else factor_of(kind, match.unit)
             if match.unit is not None and factor is None and kind != "i":  # gains turn any unit of currents into N m
-                said = f"column {label} is in {match.unit}, an unknown unit of {kind}"
-                raise InputError(said, where, f"give it in {', '.join(UNITS[kind])}")
+                what = f"column {label} is in {match.unit}, an unknown unit of {kind}"
+                raise InputError(what, where, f"give it in {', '.join(UNITS[kind])}")
             chosen[name] = SourceColumn(name, match.place, label, factor)
     return list(chosen.values())
 
@@ -109,16 +109,16 @@ def fits(kind: str, pattern: str, header: Sequence[str]) -> bool:
 
 def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
     """The column of a label and its unit, if it fits a pattern and the units agree."""
-    wanted, seen = split_brackets(pattern.strip()), split_brackets(label)
+    expected, seen = split_brackets(pattern.strip()), split_brackets(label)
     whole = _expression(pattern.strip()).fullmatch(label)
-    unit, agree = seen.unit or wanted.unit, True
-    if wanted.unit is not None and seen.unit is not None:  # equal units such as deg and Grad
-        agree = factor_of(kind, wanted.unit) == factor_of(kind, seen.unit) is not None
-    match = whole or (_expression(wanted.name).fullmatch(seen.name) if agree else None)
+    unit, agree = seen.unit or expected.unit, True
+    if expected.unit is not None and seen.unit is not None:  # equal units such as deg and Grad
+        agree = factor_of(kind, expected.unit) == factor_of(kind, seen.unit) is not None
+    match = whole or (_expression(expected.name).fullmatch(seen.name) if agree else None)
     if match is None:
         return None
     number = int(match["number"]) if "number" in match.re.groupindex else None
-    span = _PLACEHOLDER.search(wanted.name)
+    span = _PLACEHOLDER.search(expected.name)
     if number is not None and span is not None and span["first"] is not None:
         if not int(span["first"]) <= number <= int(span["last"]):
             return None
@@ -134,8 +134,9 @@ def _unit_at_end(kind: str, label: str) -> str | None:
 
 
 def _expression(pattern: str) -> re.Pattern[str]:
-    before, *rest = _PLACEHOLDER.split(pattern, maxsplit=1)
-    return re.compile(rf"{_fixed(before)}\s*(?P<number>[0-9]{{1,3}})\s*{_fixed(rest[-1])}" if rest else _fixed(before))
+    before, *after = _PLACEHOLDER.split(pattern, maxsplit=1)
+    number = rf"\s*(?P<number>[0-9]{{1,3}})\s*{_fixed(after[-1])}" if after else ""
+    return re.compile(_fixed(before) + number)
 
 
 def _fixed(text: str) -> str:
@@ -152,16 +153,16 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
 
 def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
     """What to do about missing columns: the option with those found or given, and likely candidates."""
-    left = [label for label in header if label and label not in {source.label for source in found.values()}]
+    unused = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
     n_joints = None
     for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
         known = [source for source in found.values() if kind_part(source.name) in kinds]
-        said = [(key, pattern) for key, pattern in given.items() if kind_part(key) in kinds]
-        part = said if said and known else _as_found(known, header) if known else _guessed(kinds, left, n_joints)
+        chosen = [(key, pattern) for key, pattern in given.items() if kind_part(key) in kinds]
+        part = chosen if chosen and known else _as_found(known, header) if known else _guessed(kinds, unused, n_joints)
         n_joints = len(part) if kinds == ("q",) and len(part) > 1 else n_joints
-        left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
+        unused = [label for label in unused if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
     named = ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
     gains = "give `gains`, and " if any(kind_part(key) == "i" for key, _ in parts) else ""
@@ -196,7 +197,7 @@ def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -
     for label in labels:
         ends.setdefault(last_word(label), []).append(label)
     fitting = [(_kind_of(kinds, end), alike) for end, alike in ends.items() if len(alike) == n_joints]
-    return known + sorted(fitting, key=lambda one: _EFFORT.search(one[1][0]) is None)
+    return known + sorted(fitting, key=lambda item: _EFFORT.search(item[1][0]) is None)
 
 
 def _kind_of(kinds: Sequence[str], name: str) -> str:
@@ -206,14 +207,14 @@ def _kind_of(kinds: Sequence[str], name: str) -> str:
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
     """Likely patterns of each kind: those with its unit first, then those without a unit, efforts by a word."""
     units = {pattern: split_brackets(pattern).unit for pattern in patterns}
-    stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit)]
-    open_ones = [one for one, unit in units.items() if unit is None]
+    stated = [(kind, pattern) for kind in kinds for pattern, unit in units.items() if unit and factor_of(kind, unit)]
+    unitless = [pattern for pattern, unit in units.items() if unit is None]
     if "tau" in kinds or "i" in kinds:
-        open_ones = [one for one in open_ones if not _VELOCITY.search(one)]
-        open_ones.sort(key=lambda one: _EFFORT.search(one) is None)
+        unitless = [pattern for pattern in unitless if not _VELOCITY.search(pattern)]
+        unitless.sort(key=lambda pattern: _EFFORT.search(pattern) is None)
     elif "t" in kinds:
-        open_ones.sort(key=lambda one: _TIME.search(one) is None)
-    return stated + [(_kind_of(kinds, one), one) for one in open_ones]
+        unitless.sort(key=lambda pattern: _TIME.search(pattern) is None)
+    return stated + [(_kind_of(kinds, pattern), pattern) for pattern in unitless]
 
 
 # ---- Recorders ----
@@ -227,7 +228,7 @@ class Convention:
     columns: str
     part: str | None = None  #: label of the recording's number, in files with several recordings
     lacking: str = ""  #: what to do if efforts are missing
-    says: str = ""  #: what is ambiguous, for the note
+    remark: str = ""  #: what is ambiguous, for the note
 
     def stated(
         self, header: Sequence[str], given: Mapping[str, str], *, currents: bool, motion: bool
@@ -262,7 +263,7 @@ CONVENTIONS = (
         marks=("field.header.stamp", "field.position0"),
         columns="t=field.header.stamp [ns],q=field.position{},dq=field.velocity{},tau=field.effort{} [Nm]",
         lacking="record a topic with efforts",
-        says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, give q1.. and "
+        remark="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, give q1.. and "
         "tau1.. with `columns`",
     ),
     Convention(  # the same of franka_msgs/FrankaState
@@ -283,7 +284,7 @@ CONVENTIONS = (
         columns="t=timestamp,q=observation.state{},dq=observation.velocity{},tau=observation.effort{}",
         part="episode_index",
         lacking="record observation.effort too; action holds commands, no efforts",
-        says="units are not stated; rad, rad/s and N m are assumed; set others, or leave a gripper out, by `columns`",
+        remark="units are not stated; rad, rad/s and N m are assumed; set others, or leave a gripper out, by `columns`",
     ),
 )
 

@@ -15,7 +15,7 @@ from bayesid.errors import InputError
 from bayesid.log.tuning import TUNING
 
 DEGREE = pi / 180.0  # rad
-FRACTION = "rest"  # kind of the column of nanoseconds beside one of whole seconds
+FRACTION = "fraction"  # kind of the column of nanoseconds beside one of whole seconds
 DIRECTION = "dir"  # kind of the columns that hold the directions of efforts beside their absolute values
 
 
@@ -35,13 +35,14 @@ class Options:
 
     @property
     def velocities(self) -> bool:
-        """Whether measured velocities are read: not where `columns` say dq=none."""
+        """Whether measured velocities are read: not if `columns` has dq=none."""
         return (self.columns or {}).get("dq", "").strip().casefold() != "none"
 
     @property
     def named(self) -> dict[str, str]:
-        """The columns that have names; none of velocities where these are left out."""
-        return {key: one for key, one in (self.columns or {}).items() if self.velocities or not key.startswith("dq")}
+        """The named columns; without velocities if these are not read."""
+        names = self.columns or {}
+        return {key: pattern for key, pattern in names.items() if self.velocities or not key.startswith("dq")}
 
 
 @dataclass(frozen=True)
@@ -84,13 +85,13 @@ class Chosen(NamedTuple):
 class Table:
     """Columns of a log from a file: a time, and joints 1 to n without a gap; a part of a run may hold any of these."""
 
-    #: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the file
-    #: holds several recordings, one after the other: the number of the one that a row is of
+    #: t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; part, the number of a row's
+    #: recording, if the file holds several
     columns: Mapping[str, Column]
     source: str  #: name of the file, for messages
     place: Callable[[int], str]  #: location of a row, counted from 0, for messages
     notes: tuple[str, ...] = ()  #: assumptions, one sentence each
-    mended: tuple[str, ...] = ()  #: what was decoded or left out, one sentence each
+    repairs: tuple[str, ...] = ()  #: what was decoded or left out, one sentence each
     joints: tuple[str, ...] = ()  #: joint names by which columns were chosen, from base to tip; may be empty
     encoding: str | None = None  #: how efforts held their sign before decoding, or None
 
@@ -121,8 +122,8 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
     """The table itself if it has enough rows, plausible numbers and increasing times; else an InputError."""
     t = table.columns["t"]
     if len(t.values) < TUNING.fewest_rows:
-        said = f"holds {len(t.values)} rows, too few to identify anything"
-        raise InputError(said, table.source, f"record at least {TUNING.fewest_rows} rows, preferably thousands")
+        what = f"holds {len(t.values)} rows, too few to identify anything"
+        raise InputError(what, table.source, f"record at least {TUNING.fewest_rows} rows, preferably thousands")
     _check_numbers(table)
     _check_resolution(table)
     _check_unit_of_time(table, given or {})
@@ -133,8 +134,8 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
     if wrong.any():
         k = int(np.argmax(wrong))
         before, after = table.t[[k, k + 1]]
-        said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {before:.12g} s to {after:.12g} s"
-        raise InputError(said, table.place(k + 1), "sort or cut the log")
+        what = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {before:.12g} s to {after:.12g} s"
+        raise InputError(what, table.place(k + 1), "sort or cut the log")
     if table.t[-1] == table.t[0]:
         raise InputError("time never advances", f"{table.source}, column {t.label}", "give the time of each row in s")
     return table
@@ -144,9 +145,9 @@ def with_fractions(table: Table) -> Table:
     """A table whose time column is joined with its fractions in another column."""
     if FRACTION not in table.columns:
         return table
-    whole, rest = table.columns["t"], table.columns[FRACTION]
-    columns = {name: one for name, one in table.columns.items() if name != FRACTION}
-    columns["t"] = Column(f"{whole.label} + {rest.label}", whole.si(1.0) + rest.si(1e-9), 1.0)
+    whole, fraction = table.columns["t"], table.columns[FRACTION]
+    columns = {name: column for name, column in table.columns.items() if name != FRACTION}
+    columns["t"] = Column(f"{whole.label} + {fraction.label}", whole.si(1.0) + fraction.si(1e-9), 1.0)
     return replace(table, columns=columns)
 
 
@@ -173,9 +174,9 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
     step = float(np.median(steps[steps > 0.0]))
     parts = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
     likely = [(word, unit) for word, (unit, factor) in parts.items() if step * factor < TUNING.slowest_step]
-    said = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
+    what = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
     if not likely:
-        raise InputError(f"{said}: too slow for a joint log in s", table.source, f"give {t.label} in s")
+        raise InputError(f"{what}: too slow for a joint log in s", table.source, f"give {t.label} in s")
     word, unit = likely[0]
     stated = f"{t.label}[{unit}]"
     columns = ",".join(f'{key}="{pattern}"' for key, pattern in {**given, "t": stated}.items())
@@ -184,7 +185,7 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
         remedy += f"; positions reach {max(far):.4g}: give `degrees=True` too, if they are degrees"
     if np.all(steps == 1.0):
         word, remedy = f"{word} or rows?", f'{remedy}; t="{t.label}[8ms]" if it counts rows of 8 ms'
-    raise InputError(f"{said}: {word.removesuffix('?')}?", table.source, remedy)
+    raise InputError(f"{what}: {word.removesuffix('?')}?", table.source, remedy)
 
 
 def _check_resolution(table: Table) -> None:
@@ -194,10 +195,10 @@ def _check_resolution(table: Table) -> None:
     if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.stands and np.ptp(t) > 0.0:
         label, rows = table.columns["t"].label, len(t)
         instants, counts = np.unique(t, return_counts=True)
-        said = f"column {label} has {len(instants):,} instants in {rows:,} rows, but positions change in between"
+        what = f"column {label} has {len(instants):,} instants in {rows:,} rows, but positions change in between"
         period = f"{1e3 * np.median(np.diff(instants)) / counts.max():.4g}ms"
         remedy = "record the time with fractions of seconds"
-        raise InputError(said, table.source, f"{remedy}, or give a column that counts rows, as {label}[{period}]")
+        raise InputError(what, table.source, f"{remedy}, or give a column that counts rows, as {label}[{period}]")
 
 
 def _check_numbers(table: Table) -> None:
@@ -206,15 +207,15 @@ def _check_numbers(table: Table) -> None:
         rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else TUNING.absurd)))
         wrong += [(int(rows[0]), len(wrong), column)] if rows.size else []
     if wrong:
-        row, _, column = min(wrong, key=lambda one: one[:2])
-        said = f"column {column.label} holds {column.values[row]:g}"
-        raise InputError(said, table.place(row), "remove the row or correct the value")
+        row, _, column = min(wrong, key=lambda item: item[:2])
+        what = f"column {column.label} holds {column.values[row]:g}"
+        raise InputError(what, table.place(row), "remove the row or correct the value")
 
 
 def seconds(nanoseconds: ArrayLike) -> Array:
     """Integers (N,), ns, in s, to float precision: a float cannot hold nanoseconds since 1970."""
-    whole, rest = np.divmod(np.asarray(nanoseconds, dtype=np.int64), 1_000_000_000)
-    return whole + rest / 1_000_000_000
+    whole, remainder = np.divmod(np.asarray(nanoseconds, dtype=np.int64), 1_000_000_000)
+    return whole + remainder / 1_000_000_000
 
 
 def of_64_bits(readings: ArrayLike) -> Array:

@@ -90,7 +90,7 @@ class CsvFile(Format):
     order = 2
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """It is."""
+        """Always."""
         return True
 
     def read(self, path: Path, options: Options) -> Table:
@@ -109,7 +109,7 @@ class CsvFile(Format):
                 raise InputError("is text in an unknown encoding", str(path), remedy) from None
             raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
         wide = _widened(path, layout, selected.columns, values)
-        columns = {one.name: Column(one.label, values[:, one.place], one.unit) for one in selected.columns}
+        columns = {used.name: Column(used.label, values[:, used.place], used.unit) for used in selected.columns}
         if set(_SIGNED_LOG) <= set(layout.header) and layout.header[-1] == _SIGNED_LOG[-1]:
             logs = [layout.cells(line)[-1] for _, line in _rows(path, layout)]
             numbers = {log: number for number, log in enumerate(dict.fromkeys(logs), start=1)}
@@ -219,10 +219,10 @@ def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
         remedy = _header_for(len(layout.header), options.n_joints)
         raise InputError("holds numbers instead of column names", where, remedy)
     selected = choose(layout.header, where, options)
-    columns = sorted(selected.columns, key=lambda one: one.place)
-    for k, one in enumerate(columns):
-        if one.name == "t" and one.place < len(layout.first) and _is_clock(layout.first[one.place]):
-            columns[k] = replace(one, unit=1.0, clock=True)
+    columns = sorted(selected.columns, key=lambda column: column.place)
+    for k, column in enumerate(columns):
+        if column.name == "t" and column.place < len(layout.first) and _is_clock(layout.first[column.place]):
+            columns[k] = replace(column, unit=1.0, clock=True)
     return selected._replace(columns=tuple(columns))
 
 
@@ -233,8 +233,8 @@ def _header_for(count: int, n_joints: int) -> str:
     """
     headers = []
     for kinds in (("q", "tau"), ("q", "dq", "tau")):
-        n, rest = divmod(count - 1, len(kinds))
-        if n > 0 and not rest and n_joints in (0, n):
+        n, remainder = divmod(count - 1, len(kinds))
+        if n > 0 and not remainder and n_joints in (0, n):
             headers.append(",".join(["t", *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1))]))
     if not headers:
         return f"add a header with {count} names: t,q1..qn[,dq1..dqn],tau1..taun, and any names for other columns"
@@ -266,7 +266,7 @@ def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
 def _are_quoted(lines: Sequence[str]) -> bool:
     whole = re.compile('"(?:[^"]|"")*"')
     first = [line.strip() for line in lines[:2]]
-    return len(first) == 2 and all(whole.fullmatch(one) and max(map(one.count, _SEPARATORS)) > 1 for one in first)
+    return len(first) == 2 and all(whole.fullmatch(line) and max(map(line.count, _SEPARATORS)) > 1 for line in first)
 
 
 def _unquoted(line: str) -> str:
@@ -310,7 +310,7 @@ def _split(line: str, separator: str) -> list[str]:
 def _are_units(cells: Sequence[str], header: Sequence[str]) -> bool:
     """Whether a row under the header holds units and no value."""
     inner = [_bare_unit(cell) for cell in cells]
-    values = any(_is_number(one, comma=False) for one in inner)
+    values = any(_is_number(cell, comma=False) for cell in inner)
     return len(cells) == len(header) and any(map(is_unit, inner)) and not values
 
 
@@ -321,9 +321,9 @@ def _bare_unit(cell: str) -> str:
 # ---- What it holds ----
 def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array:
     """(N, columns) numbers of the used columns, clock times in s; the other columns are 0."""
-    n, places = len(layout.header), {one.place for one in used}
+    n, places = len(layout.header), {column.place for column in used}
     converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in places}
-    converters |= {one.place: clock_seconds for one in used if one.clock}
+    converters |= {column.place: clock_seconds for column in used if column.clock}
     with path.open(newline="", encoding=layout.encoding) as file, quiet(UserWarning):  # empty files are refused later
         try:
             values: Array = np.loadtxt(
@@ -345,21 +345,21 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
     if len(values) == 0:
         return np.empty((0, n))
     if values.shape[1] != n:
-        said = f"has {n} names for {values.shape[1]} columns"
         remedy = _semicolons(layout, values.shape[1]) or "give every column exactly one name"
-        raise InputError(said, f"{path}, row {layout.header_row}", remedy)
+        raise InputError(f"has {n} names for {values.shape[1]} columns", f"{path}, row {layout.header_row}", remedy)
     return values
 
 
 def _widened(path: Path, layout: Layout, used: Sequence[SourceColumn], values: Array) -> bool:
     """Whether efforts are unsigned 64-bit integers with a two's complement; replaces them in `values`."""
-    efforts = [one for one in used if kind_part(one.name) in EFFORTS and (values[:, one.place] >= WIDE).any()]
-    for one in efforts:
+    places = [column.place for column in used if kind_part(column.name) in EFFORTS]
+    places = [place for place in places if (values[:, place] >= WIDE).any()]
+    for place in places:
         try:
-            values[:, one.place] = of_64_bits([int(layout.cells(line)[one.place]) for _, line in _rows(path, layout)])
+            values[:, place] = of_64_bits([int(layout.cells(line)[place]) for _, line in _rows(path, layout)])
         except (OverflowError, ValueError):  # not integers: refused later
             return False
-    return bool(efforts)
+    return bool(places)
 
 
 def _with_blanks(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array | None:
@@ -369,9 +369,9 @@ def _with_blanks(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
         cells, values = _split(line, layout.separator), np.zeros(len(layout.header))
         if len(cells) != len(layout.header):
             return None
-        for one in used:
+        for column in used:
             try:
-                values[one.place] = _number(cells[one.place], one)
+                values[column.place] = _number(cells[column.place], column)
             except ValueError:
                 return None
         rows.append(values)
@@ -404,20 +404,20 @@ def _first_bad_row(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> 
             remedy = "remove the row; if another recording begins there, split the log into two files and give both"
             return InputError("holds the header again", where, remedy)
         if len(cells) != len(layout.header):
-            said = f"holds {len(cells)} values, but the header has {len(layout.header)} names"
+            what = f"holds {len(cells)} values, but the header has {len(layout.header)} names"
             remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
-            return InputError(said, where, remedy or "remove the row (the last row is often truncated) or complete it")
-        for one in used:
-            cell = cells[one.place]
-            if _is_clock(cell) if one.clock else _is_number(cell, comma=False):
+            return InputError(what, where, remedy or "remove the row (the last row is often truncated) or complete it")
+        for column in used:
+            cell = cells[column.place]
+            if _is_clock(cell) if column.clock else _is_number(cell, comma=False):
                 continue
             remedy = "correct the value"
             if _THOUSANDS.fullmatch(cell):
                 remedy = "write numbers without thousands separators"
             elif not cell or cell.startswith(_NO_VALUE):
                 remedy = "remove the row (gaps are allowed), or fill in the value"
-            said = f"column {one.label} holds {cell!r}, not a {'time' if one.clock else 'number'}"
-            return InputError(said, where, remedy)
+            what = f"column {column.label} holds {cell!r}, not a {'time' if column.clock else 'number'}"
+            return InputError(what, where, remedy)
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
 
 

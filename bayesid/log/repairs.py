@@ -1,7 +1,7 @@
-"""Checks and corrections of a table's numbers; each correction is reported.
+"""Checks and repairs of a table's numbers; each repair is reported.
 
-They cover wrapped angles, repeated readings, velocities of another signal, clocks that pause, and efforts that are not
-absolute values.
+They cover wrapped angles, repeated readings, velocities of another signal, pauses of the clock, and efforts that are
+not absolute values.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ def at_own_rate(table: Table) -> Table:
     """
     names = {kind: [f"{kind}{j + 1}" for j in range(table.n_joints)] for kind in ("q", "dq", "tau", "i")}
     efforts = names["tau"] if "tau1" in table.columns else names["i"]
-    columns, said, rows = dict(table.columns), [], np.arange(len(table.t))
+    columns, notes, rows = dict(table.columns), [], np.arange(len(table.t))
     kept, every = slow_rows(np.column_stack([columns[name].values for name in efforts]), table.starts)
     if every > 1.0:
         rows = np.flatnonzero(kept)
-        columns = {name: replace(one, values=one.values[rows]) for name, one in columns.items()}
-        said.append(f"efforts change only every {every:g} rows; {(~kept).sum():,} rows that repeat them are left out")
+        columns = {name: replace(column, values=column.values[rows]) for name, column in columns.items()}
+        notes.append(f"efforts change only every {every:g} rows; {(~kept).sum():,} rows that repeat them are left out")
     slow = replace(table, columns=columns, place=lambda row: table.place(int(rows[row])))
     if np.all(np.diff(slow.t) > 0.0):
-        said += _interpolated(columns, names["q"], slow, "positions")
-        said += _interpolated(columns, names["dq"], slow, "velocities") if "dq1" in columns else []
-    mended = (*table.mended, *(f"{table.source}: {one}" for one in said))
-    return check(replace(slow, columns=columns, mended=mended)) if said else table
+        notes += _interpolated(columns, names["q"], slow, "positions")
+        notes += _interpolated(columns, names["dq"], slow, "velocities") if "dq1" in columns else []
+    repairs = (*table.repairs, *(f"{table.source}: {note}" for note in notes))
+    return check(replace(slow, columns=columns, repairs=repairs)) if notes else table
 
 
 def _interpolated(columns: dict[str, Column], names: Sequence[str], table: Table, word: str) -> list[str]:
@@ -61,18 +61,18 @@ def wrapped_in_degrees(table: Table) -> Table:
 
     InputError if another position exceeds one turn in rad: it may be in degrees too.
     """
-    open_ones = [j for j in range(table.n_joints) if table.columns[f"q{j + 1}"].unit is None]
-    q, counted = unwrapped(table.block("q", DEGREE), open_ones, table.starts)
+    unitless = [j for j in range(table.n_joints) if table.columns[f"q{j + 1}"].unit is None]
+    q, counted = unwrapped(table.block("q", DEGREE), unitless, table.starts)
     if not counted:
         return table
     joints = ", ".join(str(j + 1) for j in counted)
-    said = f"positions of joint {joints} jump by 360, as wrapped degrees do"
-    for j in set(open_ones) - set(counted):
+    what = f"positions of joint {joints} jump by 360, as wrapped degrees do"
+    for j in set(unitless) - set(counted):
         label, far = table.columns[f"q{j + 1}"].label, np.abs(table.columns[f"q{j + 1}"].values).max()
         if far > 2.0 * np.pi + TUNING.wrap_slack:
             first = table.columns[f"q{next(iter(counted)) + 1}"].label
             remedy = f"give `degrees=True`, or write units in the header, as in {first}[deg] and {label}[rad]"
-            raise InputError(f"{said}; {label} reaches {far:.4g}", table.source, remedy)
+            raise InputError(f"{what}; {label} reaches {far:.4g}", table.source, remedy)
     columns = dict(table.columns)
     for j in counted:
         columns[f"q{j + 1}"] = replace(columns[f"q{j + 1}"], unit=DEGREE)
@@ -81,7 +81,7 @@ def wrapped_in_degrees(table: Table) -> Table:
             moved = np.median(np.abs(velocity.values)) * step, np.median(np.abs(np.diff(q[:, j])))
             in_degrees = moved[0] * np.sqrt(DEGREE) > moved[1]  # the ratio is nearer to 57 than to 1
             columns[f"dq{j + 1}"] = replace(velocity, unit=DEGREE if in_degrees else 1.0)
-    return replace(table, columns=columns, mended=(*table.mended, f"{table.source}: {said}; taken as degrees"))
+    return replace(table, columns=columns, repairs=(*table.repairs, f"{table.source}: {what}; taken as degrees"))
 
 
 def positions_of(table: Table, angle: float) -> tuple[Array, list[str]]:
@@ -89,25 +89,25 @@ def positions_of(table: Table, angle: float) -> tuple[Array, list[str]]:
     q, n = table.block("q", angle), table.n_joints
     turning = [j for j in range(n) if not slides(table.columns[f"q{j + 1}"].label)]
     q, counted = unwrapped(q, turning, table.starts)
-    said = [f"joint {j + 1} ({often} time{'s' * (often > 1)})" for j, often in counted.items()]
-    return q, [f"{table.source}: unwrapped angles at jumps by one turn: {', '.join(said)}"] if said else []
+    joints = [f"joint {j + 1} ({often} time{'s' * (often > 1)})" for j, often in counted.items()]
+    return q, [f"{table.source}: unwrapped angles at jumps by one turn: {', '.join(joints)}"] if joints else []
 
 
 def remarks_on_time(table: Table, q: Array) -> list[str]:
-    """Messages about a clock that pauses, or that stands while joints move."""
+    """Messages about a clock that pauses, or stands still while joints move."""
     steps, long = np.diff(table.t), pauses(table.t)
     long[np.array(table.starts[1:], dtype=int) - 1] = False
     jumps = np.flatnonzero(long)
     stands = (steps == 0.0) & (np.diff(q, axis=0) != 0.0).any(axis=1)
     stands[np.array(table.starts[1:], dtype=int) - 1] = False
-    said = []
+    notes = []
     if len(jumps):
         when = ", ".join(f"{table.t[k]:.3f}" for k in jumps[:3]) + (" ..." if len(jumps) > 3 else "")
         often = f"{len(jumps)} time{'s' * (len(jumps) > 1)}"
-        said = [f"time jumps {often}, {steps[jumps].sum():.3g} s in total, after {when} s; these pauses are left out"]
+        notes = [f"time jumps {often}, {steps[jumps].sum():.3g} s in total, after {when} s; these pauses are left out"]
     if stands.any():
-        said.append(f"{stands.sum():,} rows repeat the time of the row before while joints move; they are left out")
-    return [f"{table.source}: {one}" for one in said]
+        notes.append(f"{stands.sum():,} rows repeat the time of the row before while joints move; they are left out")
+    return [f"{table.source}: {note}" for note in notes]
 
 
 def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str, *, stated: bool) -> list[str]:
@@ -127,19 +127,19 @@ def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str, *, stat
     if not far.all() and 2 * offset.sum() <= len(moving):
         return []
     seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
-    said = f"readings never come near zero, unlike |effort|: {', '.join(seen)}"
+    what = f"readings never come near zero, unlike |effort|: {', '.join(seen)}"
     if not stated:
-        raise InputError(said, source, "give the reading at zero effort with `encoding`, as in offset:2048")
-    return [f"{source}: {TAKEN} {said}; {DOUBT}"]
+        raise InputError(what, source, "give the reading at zero effort with `encoding`, as in offset:2048")
+    return [f"{source}: {TAKEN} {what}; {DOUBT}"]
 
 
 def _reversal_count(q: Array) -> int:
     """How often a joint reverses, in either direction."""
     prominence = TUNING.turning * float(np.ptp(q))
-    return sum(len(find_peaks(one, prominence=prominence)[0]) for one in (q, -q))
+    return sum(len(find_peaks(positions, prominence=prominence)[0]) for positions in (q, -q))
 
 
-def mend_velocities(table: Table, q: Array, dq: Array) -> list[str]:
+def replace_foreign_velocities(table: Table, q: Array, dq: Array) -> list[str]:
     """Replaces velocities of another signal by d(q)/dt; returns the message about it."""
     foreign = np.flatnonzero(foreign_velocities(table.t, q, dq, table.starts, table.source))
     if not len(foreign):
@@ -159,9 +159,9 @@ def check_readings(table: Table, q: Array, effort: Array) -> None:
     if not np.ptp(effort, axis=0).any():
         raise InputError("all efforts are constant", table.source, "check that the sensors were read")
     for j in np.flatnonzero(np.abs(effort).max(axis=0) > TUNING.strongest_effort):
-        said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
+        what = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
         remedy = "write the unit of currents or torques in the header, as in i1[mA], or correct `gains`"
-        raise InputError(said, table.source, remedy)
+        raise InputError(what, table.source, remedy)
     step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
     for joint, force in zip(q.T, effort.T, strict=True):
         speed = np.abs(np.gradient(joint)) / step
