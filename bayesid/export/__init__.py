@@ -1,8 +1,8 @@
-"""An identified model as a file for simulators, planners and controllers.
+"""Exports: an identified model as URDF or MJCF, robot files, and motions as programs of controllers.
 
-Both formats hold the kinematics and the links' inertias. A URDF holds viscous and Coulomb friction besides; an MJCF,
-MuJoCo's own format, also gravity, rotor inertia, springs across joints, and motors that move several joints. What a
-format has no place for is written into a comment at the file's head.
+Both model formats hold kinematics and link inertias. A URDF also holds viscous and Coulomb friction; an MJCF, MuJoCo's
+own format, also gravity, rotor inertia, joint springs, and motors that move several joints. A comment at the head of
+the file states what the format cannot hold.
 """
 
 from bayesid.export.model_text import mjcf, urdf

@@ -1,7 +1,6 @@
-"""A planned motion as robot controllers read it: tables and programs, each at a tenth, a third and all of the speed.
+"""A planned motion as tables and programs of robot controllers, at 10, 30 and 100 % of its speed.
 
-`save_programs` writes them, in each maker's language. A program is text of the motion alone: nothing here looks at
-limits or collisions, so each says in its head what its caller has checked.
+Nothing here checks limits or collisions; the head of each file states what the caller has checked.
 """
 
 from __future__ import annotations
@@ -24,24 +23,23 @@ from bayesid.files.writing import write_motion
 from bayesid.motion import Motion
 
 Between = Callable[[Motion, Array], Array]
-"""Gives the positions (N, n) at instants (N,) that a controller makes between points."""
+"""Interpolation of a controller: positions (N, n) at times (N,), from points."""
 
 
 @dataclass(frozen=True)
 class PlannedMotion:
     """A motion from rest to rest, defined at every instant; `slowed` gives slower versions."""
 
-    robot: str  #: its name
-    joint_names: tuple[str, ...]  #: n of them, in the order of the motion's columns
-    prismatic: tuple[bool, ...]  #: n of them, whether the joint slides: its positions are m, else rad
-    at: Callable[[Array], Motion]  #: the motion, with exact derivatives, at instants t (N,) from 0 to `duration`, s
+    robot: str  #: name of the robot
+    joint_names: tuple[str, ...]  #: (n,) in the order of the motion's columns
+    prismatic: tuple[bool, ...]  #: (n,) prismatic joints have positions in m, others in rad
+    at: Callable[[Array], Motion]  #: the motion, with exact derivatives, at times t (N,) from 0 to `duration`, s
     duration: float  #: s
     rate: float  #: of the controller, Hz
-    #: what was checked, a few words each, as "collisions of links"; for the heads of files
-    checked: tuple[str, ...] = ()
-    not_checked: tuple[str, ...] = ()  #: what was not; the files say too what no plan can check
-    count: str = "the convention of the log and the model that the motion was planned with"  #: convention of positions
-    share: float = 1.0  #: of the planned speed at which `at` goes; 1 unless `slowed`
+    checked: tuple[str, ...] = ()  #: what was checked, as "collisions of links"; for the heads of files
+    not_checked: tuple[str, ...] = ()  #: what was not checked
+    convention: str = "the convention of the log and the model that the motion was planned with"  #: of positions
+    share: float = 1.0  #: of the planned speed; 1 unless `slowed`
 
     @property
     def n_joints(self) -> int:
@@ -59,7 +57,7 @@ class PlannedMotion:
         return replace(self, at=at, duration=self.duration / share, share=share * self.share)
 
     def sampled(self, cycle: float | None = None) -> Motion:
-        """The motion once a cycle, s, 1 / rate by default; the last row, at or after the end, is the end's pose."""
+        """The motion once per cycle, s, 1 / rate by default; the last row, at or after the end, is the end pose."""
         step = 1.0 / self.rate if cycle is None else cycle
         cycles = int(np.ceil(self.duration / step - 1e-6))  # a duration of whole cycles, but for rounding
         t = step * np.arange(cycles + 1, dtype=np.float64)
@@ -71,7 +69,7 @@ class PlannedMotion:
 
         Args:
             most: largest number of intervals.
-            between: the controller's interpolation, as assumed.
+            between: assumed interpolation of the controller.
 
         Returns:
             The motion at the points, and the largest deviation of the interpolated positions, rad (m).
@@ -82,19 +80,19 @@ class PlannedMotion:
         intervals = min(TUNING.fewest_intervals, most)
         while True:
             t = np.linspace(0.0, self.duration, intervals + 1)
-            looks = np.linspace(0.0, self.duration, TUNING.looks * intervals + 1)
+            dense = np.linspace(0.0, self.duration, TUNING.samples_per_interval * intervals + 1)
             motion = self.at(t)
-            deviation = float(np.abs(between(motion, looks) - self.at(looks).q).max())
+            deviation = float(np.abs(between(motion, dense) - self.at(dense).q).max())
             if deviation <= TUNING.fine or intervals == most:
                 break
             intervals = min(2 * intervals, most)
         if not deviation <= TUNING.coarse:
             limit = f"at most {TUNING.coarse:g} is allowed"
-            said = f"{intervals} intervals are too few: interpolation is off by {deviation:.2g} rad (m), {limit}"
-            raise InputError(said, self.robot, "plan a shorter or slower motion")
+            problem = f"{intervals} intervals are too few: interpolation deviates by {deviation:.2g} rad (m), {limit}"
+            raise InputError(problem, self.robot, "plan a shorter or slower motion")
         return Motion(t, motion.q, motion.dq, motion.ddq), deviation
 
-    def head(self, mark: str, *said: str) -> list[str]:
+    def head(self, mark: str, *more: str) -> list[str]:
         """Comment lines: robot, duration, checks made and not made, then the given lines."""
         never = "the way to the start pose", "the controller's own limits"
         lines = [
@@ -102,15 +100,15 @@ class PlannedMotion:
             f"duration: {self.duration:.9g} s, at {100.0 * self.share:.3g} % of the planned speed",
             f"checked: {'; '.join(self.checked) or 'nothing'}",
             f"NOT checked: {'; '.join(dict.fromkeys((*self.not_checked, *never)))}",
-            f"positions follow {self.count}: compare one pose first",
+            f"positions follow {self.convention}: compare one pose first",
             "made by bayesid; not run on a controller",
-            *said,
+            *more,
         ]
         return [f"{mark} {part}" for line in lines for part in textwrap.wrap(_ascii(line), 100)]
 
 
 def cubic(points: Motion, t: Array) -> Array:
-    """Cubic spline through points, at rest at both ends; approximates a controller's own, unpublished spline."""
+    """Cubic spline through points, at rest at both ends; approximates a controller's unpublished spline."""
     values: Array = scipy.interpolate.CubicSpline(points.t, points.q, bc_type="clamped")(t)
     return values
 
@@ -123,12 +121,12 @@ def quintic(points: Motion, t: Array) -> Array:
 
 
 def _decimals(values: Array) -> list[list[str]]:
-    """Rows of numbers (N, n) with six decimals; -0 becomes 0."""
+    """Rows of numbers (N, n) with six decimals, without -0."""
     return [[f"{value:.6f}" for value in row] for row in (np.round(values, 6) + 0.0).tolist()]
 
 
 def _ascii(text: str) -> str:
-    """A text on one line, in ASCII, as all controllers read."""
+    """A text on one line, in ASCII, which all controllers read."""
     return printable(text).encode("ascii", "backslashreplace").decode("ascii")
 
 
@@ -136,18 +134,17 @@ def _ascii(text: str) -> str:
 # ROS 2
 # ---------------------------------------------------------------------------------------------------------------
 def joint_trajectory(planned: PlannedMotion) -> str:
-    """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead.
+    """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead time.
 
-    Given all three, a joint_trajectory_controller interpolates by quintics. InputError if a file short enough for one
-    command-line argument deviates too much from the motion.
+    From all three a joint_trajectory_controller interpolates quintics. InputError if the deviation is too large for a
+    file that fits into one command-line argument.
     """
-    bytes_of_point = 100 + 3 * 11 * planned.n_joints  # 11 of a number, at most
+    bytes_of_point = 100 + 3 * 11 * planned.n_joints  # at most 11 per number
     points, deviation = planned.points(TUNING.ros_bytes // bytes_of_point, quintic)
     head = planned.head(
         "#",
         f"largest deviation from the motion: {deviation:.2g} rad (m), with quintics between the points",
-        f"the first {TUNING.ros_lead:g} s move the robot from its current pose to the start pose: move it near by hand "
-        "before",
+        f"the first {TUNING.ros_lead:g} s move the robot from its current pose to the start pose: jog it near it first",
     )
     lines = [
         *head,
@@ -173,22 +170,22 @@ def joint_trajectory(planned: PlannedMotion) -> str:
 def urscript(planned: PlannedMotion) -> str:
     """motion.script: movej to the start pose, a servoj for each cycle of the motion, stopj.
 
-    A cycle is the whole number of the controller's that is nearest to the rate's. InputError if the robot has not six
-    joints that turn.
+    The cycle is the multiple of the controller's nearest to 1 / rate. InputError unless the robot has six revolute
+    joints.
     """
     if planned.n_joints != 6 or any(planned.prismatic):
         found = f"{planned.n_joints} joints{', some prismatic' if any(planned.prismatic) else ''}"
-        said = f"a UR robot has six revolute joints, this one has {found}"
-        raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
-    own = 0.002  # s, the controller's cycle since version 5; four of them are one of version 3
-    cycle = own * max(1, round(1.0 / (planned.rate * own)))
+        problem = f"a UR robot has six revolute joints, this one has {found}"
+        raise InputError(problem, planned.robot, "use joint_trajectory.yaml or motion.csv")
+    of_controller = 0.002  # s, cycle since version 5; 0.008 s in version 3
+    cycle = of_controller * max(1, round(1.0 / (planned.rate * of_controller)))
     lookahead, gain, stop = 0.1, 300, 2.0  # of servoj, s and 1, and of stopj, rad/s^2: the manual's defaults
     poses = [f"[{','.join(row)}]" for row in _decimals(planned.sampled(cycle).q)]
     head = planned.head(
         "#",
         "URScript program of the motion, rad",
         f"one servoj per {1e3 * cycle:g} ms cycle (t); the path lags by its lookahead time, {lookahead:g} s",
-        "set the payload before; keep the speed slider at 100 %",
+        "set the payload first; keep the speed slider at 100 %",
     )
     lines = [
         *head,
@@ -214,9 +211,9 @@ _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
 
 
 def krl_program(planned: PlannedMotion) -> str:
-    """motion.src: to the start pose, slowly, and the motion as one spline block of SPTP segments, timed by TIME_BLOCK.
+    """motion.src: slow PTP to the start pose, then the motion as a spline block of SPTP segments with TIME_BLOCK.
 
-    InputError if KRL has no names for the joints (`krl_axes`), or a spline block has too few segments for the motion.
+    InputError if KRL has no names for the joints (`krl_axes`), or the motion needs too many segments.
     """
     axes = krl_axes(planned)
     points, deviation = planned.points(TUNING.krl_intervals, cubic)
@@ -224,7 +221,7 @@ def krl_program(planned: PlannedMotion) -> str:
     poses = [f"{{{_named(axes, row)}}}" for row in _decimals(points.q * units)]
     head = planned.head(
         ";",
-        "KRL program of the motion, axes in degrees (mm of prismatic ones)",
+        "KRL program of the motion, axes in degrees (mm if prismatic)",
         f"largest deviation from the motion: {(deviation * units).max():.2g} degrees (mm), with a cubic spline "
         "between the points; the controller uses its own spline, and exceeds TIME_BLOCK END where an axis is too slow",
         "set the load data of the flange first; run the program in T1 first",
@@ -253,15 +250,15 @@ def krl_program(planned: PlannedMotion) -> str:
 
 
 def rsi_table(planned: PlannedMotion) -> str:
-    """rsi.csv: axis corrections from the start pose, a row a cycle of RSI, the one that is nearest to the rate's."""
+    """rsi.csv: axis corrections from the start pose, one row per RSI cycle, of the cycle nearest to 1 / rate."""
     axes = krl_axes(planned)
-    cycle = min((0.004, 0.012), key=lambda one: abs(one - 1.0 / planned.rate))  # s, IPO_FAST and IPO
+    cycle = min((0.004, 0.012), key=lambda seconds: abs(seconds - 1.0 / planned.rate))  # IPO_FAST and IPO
     q = planned.sampled(cycle).q
     start = _decimals(q[:1] * _krl_units(planned))[0]
     head = planned.head(
         "#",
-        f"table of axis corrections for RSI: a row each {1e3 * cycle:g} ms, degrees (mm of prismatic axes)",
-        "corrections count from the start pose (absolute mode), not from the row before; move there first:",
+        f"table of axis corrections for RSI: one row per {1e3 * cycle:g} ms, degrees (mm for prismatic axes)",
+        "corrections are relative to the start pose (absolute mode), not to the previous row; move there first:",
         _named(axes, start),
     )
     rows = [",".join(row) for row in _decimals((q - q[0]) * _krl_units(planned))]
@@ -269,7 +266,7 @@ def rsi_table(planned: PlannedMotion) -> str:
 
 
 def krl_axes(planned: PlannedMotion) -> list[str]:
-    """KRL's names of the joints: from the ends of the joints' names (A1, joint_e1), or A1 to A6 in order.
+    """KRL's axis names: from the ends of the joints' names (A1, joint_e1), or A1 to A6 in order.
 
     InputError if there are more than six joints and their names do not end with KRL axis names.
     """
@@ -278,13 +275,13 @@ def krl_axes(planned: PlannedMotion) -> list[str]:
     if len(set(named)) == planned.n_joints:
         return named
     if planned.n_joints > 6:
-        said = f"{planned.n_joints} joints need names that end with KRL's axes, A1 to A6 and E1 to E6"
-        raise InputError(said, planned.robot, "name the joints in the robot's file, such as joint_a1 and joint_e1")
+        problem = f"{planned.n_joints} joints need names that end with KRL's axes, A1 to A6 and E1 to E6"
+        raise InputError(problem, planned.robot, "name the joints in the robot's file, such as joint_a1 and joint_e1")
     return [f"A{j}" for j in range(1, planned.n_joints + 1)]
 
 
 def _krl_units(planned: PlannedMotion) -> Array:
-    """(n,) degrees a rad, or mm a m of prismatic joints."""
+    """(n,) degrees per rad; mm per m for prismatic joints."""
     return np.where(planned.prismatic, 1e3, np.degrees(1.0))
 
 
@@ -293,7 +290,7 @@ def _named(axes: list[str], row: list[str]) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# All of them, in a folder a speed
+# All programs, in one folder per speed
 # ---------------------------------------------------------------------------------------------------------------
 _TABLE = "motion.csv"
 _WRITERS: Mapping[str, Callable[[PlannedMotion], str]] = {
@@ -303,34 +300,33 @@ _WRITERS: Mapping[str, Callable[[PlannedMotion], str]] = {
     "rsi.csv": rsi_table,
 }
 PROGRAM_FILES = frozenset({_TABLE, *_WRITERS})
-"""What a folder of a speed may hold."""
+"""Files of a speed's folder."""
 
 
 def _speed_folder(share: float) -> str:
-    """The name of a speed's folder, as speed_30."""
     return f"speed_{100.0 * share:.0f}"
 
 
 PROGRAM_FOLDERS = frozenset(map(_speed_folder, SPEEDS))
-"""What `save_programs` makes in a folder, for `bayesid.files.writing.save_folder`."""
+"""Folders that `save_programs` writes."""
 
 
 @dataclass(frozen=True)
 class Programs:
-    """What `save_programs` has written."""
+    """Files that `save_programs` wrote."""
 
-    folders: tuple[Path, ...]  #: one a speed, the slowest first
+    folders: tuple[Path, ...]  #: one per speed, the slowest first
     files: tuple[str, ...]  #: names of the files in each of them
-    left_out: Mapping[str, str]  #: files that were not written for this robot, and why
+    left_out: Mapping[str, str]  #: files that were not written for this robot, with the reason
 
 
 def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] = SPEEDS) -> Programs:
-    """Writes speed_10, speed_30 and speed_100 with the motion as a table and as programs of controllers.
+    """Writes the motion as a table and as programs of controllers, into one folder per speed.
 
     Args:
         planned: the motion at its full speed.
-        place: a folder that is there, as `save_folder` gives it.
-        shares: of the planned speed, each of which gets a folder.
+        place: existing folder.
+        shares: of the planned speed, one folder each.
     """
     left_out, files = {}, [_TABLE]
     folders = tuple(place / _speed_folder(share) for share in shares)
@@ -351,7 +347,7 @@ def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] =
 
 
 def check_programs(folder: Path) -> None:
-    """InputError if the folders of speeds in an earlier folder hold other files than programs."""
+    """InputError if the folders of an earlier motion hold files other than programs."""
     for name in sorted(PROGRAM_FOLDERS):
         inside = folder / name
         foreign = {path.name for path in inside.iterdir()} - PROGRAM_FILES if inside.is_dir() else set()

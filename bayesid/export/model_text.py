@@ -21,17 +21,16 @@ from bayesid.robot import Joint, Robot, inertia
 # URDF
 # ---------------------------------------------------------------------------------------------------------------
 _LIMITS = {"lower": "-1000", "upper": "1000", "effort": "1000000", "velocity": "1000"}
-"""A URDF demands limits; none are identified, so they are set where they never act."""
+"""A URDF needs limits. None are identified, so they are set wide."""
 
 
 def urdf(model: Model, theta: Array) -> str:
     """URDF text of the model's robot with the link and friction parameters of theta.
 
-    URDF's link frame is its joint's frame, so links given in another frame (standard Denavit-Hartenberg) are moved
-    there. Joints are called joint1..jointn, links link1..linkn, from base to tip. A payload becomes part of the last
-    link, and friction of several terms in one joint is added up: damping * q' + friction * sign(q'). Friction of a
-    motor that moves several joints stands in the comment alone. URDF has no place for gravity; an element that MuJoCo
-    reads and others ignore gives it to MuJoCo.
+    Links are transformed to URDF's link frame, which is the joint's frame. Joints are called joint1..jointn, links
+    link1..linkn, from base to tip. A payload becomes part of the last link. Friction of several terms in one joint is
+    added: damping * q' + friction * sign(q'). Friction of a motor that moves several joints is only in the comment.
+    URDF does not hold gravity; a `mujoco` element, which others ignore, gives it to MuJoCo.
 
     Args:
         model: a model with a rigid_body term.
@@ -41,22 +40,22 @@ def urdf(model: Model, theta: Array) -> str:
         ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
-    parts, links, held = model.parts(theta), _bodies(model, theta), _moves_one_joint(model.robot)
+    parts, links, on_joint = model.parts(theta), _bodies(model, theta), _moves_one_joint(model.robot)
     friction, motors = _per_actuator(model, parts, "urdf"), _motor_speeds(model.robot)
     root = ET.Element("robot", name=model.robot.name)
     remarks = [
         _head(model, "urdf"),
-        f"gravity = {numbers(model.robot.gravity)} m/s^2 in the base frame (MuJoCo alone reads it, below)",
+        f"gravity = {numbers(model.robot.gravity)} m/s^2 in the base frame (only MuJoCo reads it, below)",
         "joint limits (not identified, set wide)",
         *([f"{motors}; the parameters below are the motors'"] if motors else []),
-        *_left_out(model, parts, "urdf", held),
+        *_left_out(model, parts, "urdf", on_joint),
     ]
     _add_comment(root, remarks)
     ET.SubElement(ET.SubElement(root, "mujoco"), "option", gravity=numbers(model.robot.gravity))
     ET.SubElement(root, "link", name="base")
     for i, body in enumerate(links):
         root.append(_urdf_link(_numbered(model, "link", i), body))
-        root.append(_urdf_joint(model, i, friction[i] if held[i] else {}))
+        root.append(_urdf_joint(model, i, friction[i] if on_joint[i] else {}))
     return _document(root)
 
 
@@ -88,9 +87,9 @@ def _urdf_joint(model: Model, i: int, dynamics: Mapping[str, float]) -> ET.Eleme
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:
-    """Angles with rotation = Rz(yaw) Ry(pitch) Rx(roll); exact to rounding at pitch = +-90 degrees too.
+    """Angles with rotation = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding at pitch = +-90 degrees too.
 
-    There only yaw - roll or yaw + roll counts: whatever yaw comes out first, roll is read with that yaw taken off.
+    There only yaw - roll or yaw + roll is determined: roll is computed for the yaw that was chosen.
     """
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
@@ -103,24 +102,24 @@ def roll_pitch_yaw(rotation: Array) -> Array:
 # MJCF
 # ---------------------------------------------------------------------------------------------------------------
 _TIMESTEP = 0.001
-"""s; the rate of a robot's controller."""
+"""s, usual cycle of a robot controller."""
 _DRY_FRICTION = {"solreffriction": f"{2 * _TIMESTEP} 1", "solimpfriction": "0.999 0.999 0.001"}
 _ABOUT_DRY_FRICTION = (
-    "MuJoCo's dry friction is a force that would stop the motion with q'' = -b q', up to the loss given. It acts in",
-    "full, as in the model, where |q''| < b |q'|. With solreffriction = two timesteps, b = 1 / timestep: the motion",
-    "would stop in one step, and a larger b would overshoot. With solimpfriction near 1 a joint that sticks hardly",
-    "creeps. With a larger timestep MuJoCo lowers b by itself.",
+    "MuJoCo's dry friction is a force that would stop the motion with q'' = -b q', up to frictionloss. It has its full",
+    "size, as in the model, where |q''| < b |q'|. With solreffriction = two timesteps, b = 1 / timestep: the motion",
+    "would stop in one step; a larger b would overshoot. With solimpfriction near 1 a sticking joint hardly creeps.",
+    "MuJoCo lowers b for a larger timestep.",
 )
 
 
 def mjcf(model: Model, theta: Array) -> str:
     """MJCF text of the model's robot: bodies, friction, rotor inertia, springs, gravity and motors.
 
-    Bodies are called link1..linkn, joints joint1..jointn, motors motor1..motorn, from base to tip; MuJoCo counts joints
-    depth first, which on a robot with branches may be another order. A motor's control is its effort as in
-    `Model.effort`: in N m, motor torque times gear ratio. A motor that moves several joints acts through a tendon,
-    which holds its friction and rotor inertia; MuJoCo reads a tendon's armature from version 3.3.1 on, and counts it in
-    inverse dynamics from 3.4 on. Pinocchio reads the file too, but for gravity, springs and tendons.
+    Bodies are called link1..linkn, joints joint1..jointn, motors motor1..motorn, from base to tip. MuJoCo orders joints
+    depth first, which differs for a robot with branches. A motor's control is its effort as in `Model.effort`: N m,
+    motor torque times gear ratio. A motor that moves several joints acts through a tendon with its friction and rotor
+    inertia. MuJoCo reads a tendon's armature from version 3.3.1 on, and includes it in inverse dynamics from 3.4 on.
+    Pinocchio reads the file without gravity, springs and tendons.
 
     Args:
         model: a model with a rigid_body term.
@@ -137,12 +136,12 @@ def mjcf(model: Model, theta: Array) -> str:
         _head(model, "mjcf"),
         "joint limits (not identified)",
         *_left_out(model, parts, "mjcf", np.ones(model.robot.n_joints, dtype=bool)),
-        "Controls are efforts as in the log: N m (N of a joint that slides), motor torque times gear ratio.",
+        "Controls are efforts as in the log: N m (N for a prismatic joint), motor torque times gear ratio.",
         *([f"{motors}; a tendon's length is that of its motor divided by its gear ratio"] if motors else []),
     ]
     _add_comment(root, remarks)
     ET.SubElement(root, "compiler", angle="radian")
-    option = {"timestep": numbers(_TIMESTEP), "integrator": "implicitfast"}  # damping of tendons is implicit too
+    option = {"timestep": numbers(_TIMESTEP), "integrator": "implicitfast"}  # implicit damping, of tendons too
     ET.SubElement(root, "option", {"gravity": numbers(model.robot.gravity), **option})
     default = ET.SubElement(root, "default")
     _add_comment(default, _ABOUT_DRY_FRICTION, depth=2)
@@ -168,32 +167,32 @@ def _mjcf_body(model: Model, i: int, body: Body, effects: Mapping[str, float]) -
     joint = model.robot.joints[i]
     place = {"pos": numbers(joint.placement[:3, 3]), "quat": _quaternion(joint.placement[:3, :3])}
     element = ET.Element("body", {"name": _numbered(model, "link", i), **place})
-    # principal axes, not a full matrix: MuJoCo before version 4 takes it apart to seven digits only
+    # principal axes, not a full matrix: MuJoCo before version 4 decomposes it to seven digits only
     frame = {"pos": numbers(body.centre), "quat": _quaternion(body.axes)}
     ET.SubElement(element, "inertial", {**frame, "mass": numbers(body.mass), "diaginertia": numbers(body.moments)})
     moves = {"type": "slide" if joint.prismatic else "hinge", "axis": numbers(joint.axis)}
-    held = _attributes(effects, "springref", direction=float(model.robot.coupling[i, i]))
-    ET.SubElement(element, "joint", {"name": _numbered(model, "joint", i), **moves, **held})
+    attributes = _attributes(effects, "springref", direction=float(model.robot.coupling[i, i]))
+    ET.SubElement(element, "joint", {"name": _numbered(model, "joint", i), **moves, **attributes})
     return element
 
 
 def _tendon(model: Model, i: int, effects: Mapping[str, float]) -> ET.Element:
-    """Tendon element as long as actuator i's position: the sum of joint positions that turns the motor."""
-    held = _attributes(effects, "springlength", direction=1.0)
-    element = ET.Element("fixed", {"name": _numbered(model, "motor", i), **held})
+    """Tendon whose length is the position of actuator i: its sum of joint positions."""
+    attributes = _attributes(effects, "springlength", direction=1.0)
+    element = ET.Element("fixed", {"name": _numbered(model, "motor", i), **attributes})
     for j in np.flatnonzero(model.robot.coupling[i]).tolist():
         ET.SubElement(element, "joint", joint=_numbered(model, "joint", j), coef=numbers(model.robot.coupling[i, j]))
     return element
 
 
 def _attributes(effects: Mapping[str, float], rest_key: str, direction: float) -> dict[str, str]:
-    """XML attributes of a motor's effects, numbers under the keys of `Term.places`, in a joint or a tendon.
+    """XML attributes of a joint or tendon from a motor's effects, numbers under the keys of `Term.places`.
 
-    `rest_key` is that of a spring's rest position; `direction`, which way the motor turns with the joint, its sign.
+    `rest_key` is the attribute of a spring's rest position; the sign of `direction` is that of motor over joint speed.
     """
     values = {key: max(value, 0.0) for key, value in effects.items() if key != "preload"}  # a solver may leave -1e-12
     if "preload" in effects:
-        values["stiffness"] = max(values["stiffness"], 1e-9)  # N m/rad; softer, its torque would have no place
+        values["stiffness"] = max(values["stiffness"], 1e-9)  # N m/rad; a preload needs a stiffness
         rest = -direction * effects["preload"] / values["stiffness"]
         values[rest_key] = float(np.nextafter(rest, 0.0)) if rest == -1.0 else rest  # a springlength of -1 means none
     return {key: numbers(value) for key, value in values.items()}
@@ -204,15 +203,15 @@ def _quaternion(rotation: Array) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What both say of a model: bodies, effects in its actuators, and what a format leaves out
+# Common parts: bodies, effects in the actuators, and what a format leaves out
 # ---------------------------------------------------------------------------------------------------------------
 Part = tuple[Term, Array]
-"""A term and its own part of theta."""
+"""A term and its part of theta."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A link as other tools want it, in its joint's frame."""
+    """A link in its joint's frame."""
 
     mass: float  # kg
     centre: Array  # (3,) centre of mass, m
@@ -235,28 +234,28 @@ def _bodies(model: Model, theta: Array) -> list[Body]:
 def _body(name: str, joint: Joint, parameters: Array) -> Body:
     """The body of (10,) parameters, given in the link's frame.
 
-    Identified bodies often lie on the edge of the feasible ones: flat, thin, or a point. Rounding then puts them just
-    outside, and MuJoCo refuses them, so every body is made at least a trace thick.
+    Identified bodies are often at the edge of the feasible set: flat, thin, or a point. Rounding then makes them
+    infeasible, and MuJoCo refuses them, so every body gets a minimal thickness.
     """
     moved = inertia.change_of_frame(joint.link_frame[:3, :3], joint.link_frame[:3, 3]) @ parameters
     mass = float(moved[9])
-    if not mass > 1e-15:  # kg; MuJoCo takes less for none
+    if not mass > 1e-15:  # kg, MuJoCo's least mass
         raise ValueError(f"{name} has mass {mass:g} kg; an export needs positive masses")
     centre = moved[6:9] / mass
     about_joint = inertia.pseudo_inertia(moved)[:3, :3]
     spread, axes = np.linalg.eigh(about_joint - mass * np.outer(centre, centre))
-    # a share above rounding and below what any log shows, and ten times the kg m^2 that MuJoCo takes for none
+    # above rounding, below what a log can show, and ten times MuJoCo's least inertia, kg m^2
     spread = np.maximum(spread, 1e-9 * np.trace(about_joint) + 1e-14)
     return Body(mass, centre, axes * np.sign(np.linalg.det(axes)), spread.sum() - spread)
 
 
 def _moves_one_joint(robot: Robot) -> Mask:
-    """(n,) whether a motor moves its own joint alone: its friction is then the joint's."""
+    """(n,) whether a motor moves only its own joint, so that its friction is the joint's."""
     return np.count_nonzero(robot.coupling, axis=1) == 1
 
 
 def _per_actuator(model: Model, parts: Sequence[Part], form: str) -> list[dict[str, float]]:
-    """For each actuator its numbers under the keys of a format, summed over the terms that act in it."""
+    """Numbers of each actuator under the keys of a format, summed over its terms."""
     sums: list[dict[str, float]] = [{} for _ in model.robot.joints]
     for term, values in parts:
         keys = cycle(term.places.get(form, ()))
@@ -273,9 +272,9 @@ def _head(model: Model, form: str) -> str:
 
 
 def _left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> list[str]:
-    """A line for each number that is not in the file: all but links, and what has a place in the actuators `placed`.
+    """A line for each number that the file lacks: neither of a link nor of an actuator in `placed`.
 
-    No format knows a friction that is smoothed about standstill, so the speeds of smoothing are left out of all.
+    No format has friction that is smoothed about standstill, so smoothing speeds are always listed.
     """
     lines = []
     for term, values in parts:
@@ -290,7 +289,7 @@ def _left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> l
 
 
 def _numbers_of(effect: Effect, robot: Robot) -> list[str]:
-    """The nonlinear numbers that people want to know: the parameters mean nothing without them."""
+    """Lines of the effect's nonlinear parameters, which the linear ones depend on."""
     return [_remark(effect, name, value, unit) for name, (value, unit) in effect.numbers(robot).items()]
 
 
@@ -299,19 +298,19 @@ def _remark(effect: Effect, name: str, value: float, unit: str) -> str:
 
 
 def _motor_speeds(robot: Robot) -> str:
-    """How the motors turn with the joints; empty for motors on their joints."""
+    """Motor speeds from joint speeds, as text; empty without a transmission."""
     if robot.transmission is None:
         return ""
     return f"motor speeds = [{'; '.join(numbers(row) for row in robot.transmission)}] * joint speeds"
 
 
 def _numbered(model: Model, stem: str, i: int) -> str:
-    """joint1, or joint01 of ten and more: readers that sort siblings by name then keep their order."""
+    """joint1, or joint01 of ten and more, so that readers that sort by name keep the order."""
     return f"{stem}{i + 1:0{len(str(model.robot.n_joints))}d}"
 
 
 def numbers(values: ArrayLike) -> str:
-    """Numbers with as many digits as it takes (up to 17) to read back the very same."""
+    """Numbers with all digits (up to 17) that are needed to read back the same values."""
     return " ".join(repr(value) for value in (np.atleast_1d(values) + 0.0).tolist())
 
 

@@ -1,4 +1,4 @@
-"""Robot files from the tables of data sheets, and an empty one to fill in."""
+"""Robot files from Denavit-Hartenberg tables of data sheets, and a template."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from bayesid.robot import robot_from_table
 _ALPHA, _THETA, _MINUS = "\N{GREEK SMALL LETTER ALPHA}", "\N{GREEK SMALL LETTER THETA}", "\N{MINUS SIGN}"
 _NAMES = {"a": "a", "r": "a", "alpha": "alpha", _ALPHA: "alpha", "d": "d", "theta": "theta", _THETA: "theta"}
 _NAMES |= {"offset": "theta", "thetaoffset": "theta", f"{_THETA}offset": "theta", "type": "type"}
-"""What tables call the columns, in small letters, without spaces, underscores and subscripts."""
+"""Column names in tables, in lower case, without spaces, underscores and subscripts."""
 _NAME = re.compile(rf"(?P<name>{'|'.join(_NAMES)})(?:i-1|i|j)?")
 _BRACKETED_SUBSCRIPT = re.compile(r"[({\[]\s*[ij]\s*(?:-\s*1)?\s*[)}\]]")
 _LENGTHS = "a", "d"
 _JOINT = re.compile(rf"(?:q|{_THETA}|theta|d)_?\d*\*?", re.IGNORECASE)
-"""The joint's own position, which tables write in the column of its offset."""
+"""The joint's position, which some tables write into the column of its offset."""
 _PI = re.compile(r"(?P<sign>[+-]?)(?P<times>\d*\.?\d*)\*?(?:pi|π)(?:/(?P<over>\d+\.?\d*))?", re.IGNORECASE)
 _TYPES = {"r": "revolute", "revolute": "revolute", "p": "prismatic", "prismatic": "prismatic"}
 
 _TEMPLATE = """\
-# A robot by its Denavit-Hartenberg table: put a number for every nan; a and d in m, alpha and theta in rad
+# A robot by its Denavit-Hartenberg table: replace every nan by a number; a and d in m, alpha and theta in rad
 # (90 degrees are 1.5707963267948966). Then look at it: bayesid robot show {path}
 {name}
 
@@ -45,8 +45,8 @@ gravity = [0.0, 0.0, -9.81]
 # coupled motors, as in many wrists: motor speeds = transmission @ joint speeds
 # transmission = [[100,0,0,0,0,0],[0,100,0,0,0,0],[0,0,100,0,0,0],[0,0,0,80,0,0],[0,0,0,0,80,0],[0,0,0,0,50,50]]
 
-# one row a joint, from base to tip; theta is added to the position that the controller reports; a joint that slides
-# has type = "prismatic"
+# one row per joint, from base to tip; theta is added to the controller's position; a prismatic joint has
+# type = "prismatic"
 joints = [
 {rows}
 ]
@@ -67,7 +67,7 @@ def robot_template(name: str, path: str, convention: str = "standard") -> str:
 
     Args:
         name: of the robot.
-        path: of the file, which its first line names.
+        path: of the file, for its comment.
         convention: "standard" or "modified".
     """
     rows = [_row({"a": math.nan, "alpha": math.nan, "d": math.nan, "theta": 0.0})] * 6
@@ -75,20 +75,20 @@ def robot_template(name: str, path: str, convention: str = "standard") -> str:
 
 
 def robot_file(table: str, name: str, convention: str, where: str) -> str:
-    r"""A robot file from a table of text as data sheets have them.
+    r"""A robot file from a Denavit-Hartenberg table as text.
 
-    A header names the columns a, alpha, d, theta (r, α, θ, offset; with or without subscripts), with units in brackets:
-    mm, cm, m, deg, rad. Without a unit they are in m and rad. A column `type` may say `revolute` or `prismatic`, all
-    others are left out. Cells may hold pi/2, 90° and q2 - 90.
+    The header names the columns a, alpha, d, theta (r, α, θ, offset; with or without subscripts), with units in
+    brackets: mm, cm, m, deg, rad; by default m and rad. A column `type` may hold `revolute` or `prismatic`. Other
+    columns are left out. Cells may hold pi/2, 90° and q2 - 90.
 
     Args:
-        table: the text: CSV, or columns between semicolons, tabs or spaces; a row a joint.
+        table: the text: CSV, or columns separated by semicolons, tabs or spaces; one row per joint.
         name: of the robot.
         convention: "standard" or "modified".
-        where: what to name in an error.
+        where: source of the table, for errors.
 
     Raises:
-        InputError: the text is no such table.
+        InputError: the text is not such a table.
 
     >>> text = robot_file("a[mm],alpha[deg],d[mm],theta[deg]\n25,-90,400,0", "arm", "standard", "here")
     >>> print(text.splitlines()[-2])
@@ -105,7 +105,7 @@ def robot_file(table: str, name: str, convention: str, where: str) -> str:
         for i, cells in enumerate(_cells("\n".join(lines), layout, where), start=1)
     ]
     if not rows:
-        raise InputError("holds no joint", where, "give a row a joint beneath the header")
+        raise InputError("holds no joint", where, "give one row per joint below the header")
     text = _ROBOT.format(name=_name_line(name), convention=convention, rows="\n".join(map(_row, rows)))
     robot_from_table(tomllib.loads(text), where)
     return text
@@ -113,11 +113,11 @@ def robot_file(table: str, name: str, convention: str, where: str) -> str:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of the table: its place, and rad or m in one of its units, None where it states none."""
+    """A column of the table."""
 
-    place: int
+    place: int  # index
     label: str
-    factor: float | None
+    factor: float | None  # rad or m per unit; None without a unit
 
 
 def _columns(header: Sequence[str], where: str) -> dict[str, _Column]:
@@ -129,8 +129,8 @@ def _columns(header: Sequence[str], where: str) -> dict[str, _Column]:
             continue
         name = _NAMES[match["name"]]
         if name in found:
-            said = f"has two columns for {name}: {found[name].label} and {label}"
-            raise InputError(said, where, "remove one of them")
+            problem = f"has two columns for {name}: {found[name].label} and {label}"
+            raise InputError(problem, where, "remove one of them")
         factor, length = None if unit is None else factor_of("q", unit), name in _LENGTHS
         if unit is not None and (factor is None or (unit.strip().casefold() in ("m", "cm", "mm")) != length):
             units = "mm, cm or m" if length else "deg or rad"
@@ -138,9 +138,9 @@ def _columns(header: Sequence[str], where: str) -> dict[str, _Column]:
         found[name] = _Column(place, label, factor)
     for name in ("a", "alpha", "d", "theta"):
         if name not in found:
-            said = f"column {name} is missing ({', '.join(header) or 'no header'})"
+            problem = f"column {name} is missing ({', '.join(header) or 'no header'})"
             remedy = "give the columns a, alpha, d, theta with their units: a[mm],alpha[deg],d[mm],theta[deg]"
-            raise InputError(said, where, remedy)
+            raise InputError(problem, where, remedy)
     return found
 
 
@@ -151,9 +151,9 @@ def _cells(text: str, layout: Layout, where: str) -> Iterator[list[str]]:
         reader = csv.reader([line.strip() if spaced else line], delimiter=layout.separator, skipinitialspace=spaced)
         cells = [cell.strip() for cell in next(reader)]
         if len(cells) != len(layout.header):
-            said = f"holds {len(cells)} values, but the header has {len(layout.header)} names"
+            problem = f"holds {len(cells)} values, but the header has {len(layout.header)} names"
             remedy = "give every column a value, with commas or semicolons between them"
-            raise InputError(said, f"{where}, joint {number}", remedy)
+            raise InputError(problem, f"{where}, joint {number}", remedy)
         yield cells
 
 
@@ -168,9 +168,9 @@ def _joint(cells: Sequence[str], columns: Mapping[str, _Column], where: str) -> 
 
 
 def _value(cell: str, column: _Column, name: str, where: str) -> float:
-    """A cell in m or rad. `pi` means rad and a degree sign means degrees, whatever the column's unit."""
+    """A cell in m or rad. With `pi` it is in rad, with a degree sign in degrees, for any unit of the column."""
     text = cell.replace(" ", "").replace(_MINUS, "-")
-    if name in ("d", "theta"):  # one of them is the joint's own position, and an offset may be added to it
+    if name in ("d", "theta"):  # one of them is the joint's position, to which an offset may be added
         text = _JOINT.sub("", text, count=1).removesuffix("+") or "0"
     try:
         if name not in _LENGTHS and (found := _PI.fullmatch(text)):
@@ -184,11 +184,11 @@ def _value(cell: str, column: _Column, name: str, where: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError(f"column {column.label} holds {cell!r}, not a number", where, "correct the value")
-    # no link is 20 m long, but many are 20 mm; a twist or an offset is no more than a turn
+    # no link is 20 m long, but many are 20 mm; twists and offsets are at most one turn
     largest, unit, wrong = (20.0, "m", "mm") if name in _LENGTHS else (2.0 * math.pi + 1e-6, "rad", "deg")
     if column.factor is None and abs(value) >= largest:
-        said = f"column {column.label} holds {value:g}, too much for {unit}"
-        raise InputError(said, where, f"name the column with its unit: {name}[{wrong}]")
+        problem = f"column {column.label} holds {value:g}, too much for {unit}"
+        raise InputError(problem, where, f"name the column with its unit: {name}[{wrong}]")
     return value
 
 

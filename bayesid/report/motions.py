@@ -242,7 +242,7 @@ def planned(design: NextExperiment) -> PlannedMotion:
     )
     if design.correct is None:
         return as_logged
-    return replace(as_logged, count=f"the convention of the uncorrected log ({design.correct})")
+    return replace(as_logged, convention=f"the convention of the uncorrected log ({design.correct})")
 
 
 def picture(design: NextExperiment) -> Any:
