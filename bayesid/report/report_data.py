@@ -30,7 +30,7 @@ from bayesid.report.tuning import TUNING
 
 @dataclass(frozen=True)
 class Samples:
-    """The log and the model's efforts at N instants, in actuator coordinates."""
+    """The log and the model's efforts at N samples, in actuator coordinates."""
 
     t: Array  #: (N,) s since the start of the recording; joined logs follow one another
     position: Array  #: (N, n) rad, or m
@@ -38,10 +38,10 @@ class Samples:
     recorded: Array  #: (N, n) recorded efforts, absolute values where the sign is hidden, N m
     signed: Array  #: (N, n) the same with their likelier signs, lightly filtered, N m
     predicted: Array  #: (N, n) the model's efforts, N m
-    residual: Array  #: (N, n) recorded efforts with their likelier signs less predicted ones, N m
+    residual: Array  #: (N, n) recorded efforts with their likelier signs minus predicted ones, N m
     probability: Array  #: (N, n) P(sign = +)
     used: Mask  #: (N, n) samples in motion, which are fitted
-    every: int  #: one of how many samples of the log is kept
+    every: int  #: thinning: one of `every` samples of the log is kept
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,15 @@ class Correlation:
 class CoefficientTable:
     """r base coefficients; NaN for unknown values."""
 
-    name: tuple[str, ...]  #: (r,) parameter that each is built on
-    expression: tuple[str, ...]  #: (r,) in the standard parameters
+    name: tuple[str, ...]  #: (r,) leading parameter of each coefficient
+    expression: tuple[str, ...]  #: (r,) sum of standard parameters
     unit: tuple[str, ...]  #: (r,)
     mean: Array  #: (r,)
     sd: Array  #: (r,) inf where the log does not excite a coefficient
     low: Array  #: (r,) lower end of the 95 % interval
-    high: Array  #: (r,) its upper end
-    prior_sd: Array  #: (r,) of the prior alone
-    nominal: Array  #: (r,) by the parameters known beforehand
+    high: Array  #: (r,) upper end
+    prior_sd: Array  #: (r,) sd of the prior
+    nominal: Array  #: (r,) value from stated parameters
     by_data: Mask  #: (r,) whether the data decide it, not the prior
 
     @property
@@ -99,9 +99,9 @@ class CoefficientTable:
 class Alternatives:
     """B assignments that the proof does not exclude, the best one first, and where they differ from it."""
 
-    cost: Array  #: (B,) of each
-    mass: Array  #: (B,) posterior probability, NaN where no posterior was sampled
-    branch: Integers  #: (D,) index of the assignment of each difference
+    cost: Array  #: (B,) cost of each assignment
+    mass: Array  #: (B,) posterior probability; NaN without a posterior
+    branch: Integers  #: (D,) assignment of each difference
     joint: Integers  #: (D,) from 0
     start: Array  #: (D,) s
     end: Array  #: (D,) s
@@ -109,14 +109,14 @@ class Alternatives:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The model's prediction of another log, at M instants."""
+    """The model's prediction of another log, at M samples."""
 
-    source: str  #: the log
+    source: str  #: name of the log
     t: Array  #: (M,) s
     measured: Array  #: (M, n) efforts with their likelier signs, lightly filtered, N m
     predicted: Array  #: (M, n) N m
     lower: Array  #: (M, n) lower end of the 95 % band of an unfiltered effort, N m
-    upper: Array  #: (M, n) its upper end, N m
+    upper: Array  #: (M, n) upper end, N m
     rms_error: Array  #: (n,) in motion, N m
     relative_residual: Array  #: (n,) the same over the RMS of the effort
     coverage: Array  #: (n,) share of the unfiltered efforts in motion that lie in the band
@@ -135,18 +135,18 @@ class ReportData:
         ((301, 3), 21)
     """
 
-    summary: Summary  #: its numbers
+    summary: Summary  #: numbers of summary.json
     effort_unit: tuple[str, ...]  #: (n,) "N m", or "N"
     position_unit: tuple[str, ...]  #: (n,) "rad", or "m"
-    samples: Samples  #: the log, signed, and the model
-    segments: SegmentTable  #: their signs
-    correlation: Correlation  #: of the residual
-    coefficients: CoefficientTable  #: with their uncertainty
+    samples: Samples  #: log with signs, and model
+    segments: SegmentTable  #: segments with signs
+    correlation: Correlation  #: autocorrelation of the residual
+    coefficients: CoefficientTable  #: coefficients with their uncertainty
     prior_parameters: tuple[str, ...]  #: names of the parameters that the prior decides
-    alternatives: Alternatives  #: to the signs that were found
-    #: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled
+    alternatives: Alternatives  #: assignments that the proof does not exclude
+    #: (E, D, r) draws of the coefficients in E ensembles, sweep after sweep; None without sampling
     draws: Array | None = None
-    prediction: Prediction | None = None  #: of another log, or None
+    prediction: Prediction | None = None  #: validation on another log; None without one
     folder: str = field(default="", compare=False)  #: result folder; empty without one
 
     def __repr__(self) -> str:
@@ -170,7 +170,7 @@ class ReportData:
 
     @property
     def _n_ensembles(self) -> int:
-        """E, that were sampled; 0 without draws."""
+        """Number E of ensembles; 0 without draws."""
         return 0 if self.draws is None else len(self.draws)
 
     def trend(self, joint: int, variable: str) -> tuple[Array, Array, Array]:

@@ -38,7 +38,7 @@ from bayesid.report.tuning import TUNING
 
 
 def summarise(identification: Identification) -> Summary:
-    """The numbers of an identification, as its summary.json holds them."""
+    """The numbers of an identification, as summary.json stores them."""
     model, log, segments = identification.model, identification.log, identification.searched
     noise, fit = identification.fit.noise, identification.fit
     count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
@@ -67,8 +67,8 @@ def summarise(identification: Identification) -> Summary:
         ),
         posterior=_posterior(identification),
         noise={
-            "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit took "
-            "its share; samples count by the integrated autocorrelation time",
+            "assumed": "white sensor noise plus exponentially correlated model error, per joint, corrected for the "
+            "degrees of freedom of the fit; effective samples by the integrated autocorrelation time",
             "sd": noise.sigma,
             "white_sd": noise.white,
             "coloured_sd": noise.coloured,
@@ -84,7 +84,7 @@ def summarise(identification: Identification) -> Summary:
             relative_gap=fit.tolerance,
             parameters_moved_inside=fit.moved_inside,
             links_on_edge=np.flatnonzero(fit.on_edge[: model.robot.n_joints]) + 1,
-            standard_deviations="information matrix with effective sample counts; the cone is not accounted for"
+            standard_deviations="information matrix with effective sample counts, without the cone's constraints"
             if posterior is None
             else "of the posterior",
         ),
@@ -106,18 +106,20 @@ def summarise(identification: Identification) -> Summary:
 
 
 def log_parts(log: Log) -> tuple[LogPart, ...]:
-    """The logs that a log was joined from; none where it is one."""
-    return tuple(LogPart(one.source, one.stop_row - one.start_row, one.payload) for one in log.pieces if log.pooled)
+    """The logs that a log was joined from; empty for a single log."""
+    return tuple(
+        LogPart(piece.source, piece.stop_row - piece.start_row, piece.payload) for piece in log.pieces if log.pooled
+    )
 
 
 def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
-    """Payloads from the posterior's draws; without a posterior from the model's parameters, with unknown sd.
+    """Payloads from the posterior's draws, or from the model's parameters, then without standard deviations.
 
-    These draws are feasible; draws widened by model error need not be. The common factor of the efforts widens them
-    unless their mass is stated.
+    The draws are those before model error was added, as these are feasible. The uncertainty of the efforts' common
+    factor is added unless the payload's mass is stated.
     """
     model, posterior, theta = identification.model, identification.posterior, identification.theta
-    every = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))
+    draws = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))
     factor_sd = 0.0 if posterior is None else common_factor(identification.gains, identification.log)[0]
     carried: dict[str, dict[str, Any]] = {}
     first = 0
@@ -126,17 +128,19 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
         if term.payloads:
             mass = model.parameters[stop - 1].name  # the last of ten
             stated = mass in nominal_values(identification.prior)
-            body = InertialParameters.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
+            body = InertialParameters.of_draws(draws[:, first:stop], common_sd=0.0 if stated else factor_sd)
             axes = {"com": body.centre, "inertia": body.inertia}
-            numbers = {name: [_estimate(one) for one in ones or ()] for name, ones in axes.items()}
+            numbers = {name: [_estimate(value) for value in values or ()] for name, values in axes.items()}
             carried |= {payload: {"mass": _estimate(body.mass), **numbers} for payload in term.payloads}
         first = stop
     return carried or None
 
 
-def _estimate(one: Estimate) -> dict[str, Any]:
-    known = one.sd > 0.0
-    return {"value": one.value, "sd": one.sd if known else None, "interval": one.interval if known else None}
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    value, sd, interval = estimate.value, estimate.sd, estimate.interval
+    return (
+        {"value": value, "sd": sd, "interval": interval} if sd > 0.0 else {"value": value, "sd": None, "interval": None}
+    )
 
 
 def _gains(identification: Identification) -> GainsSummary | None:
@@ -145,16 +149,16 @@ def _gains(identification: Identification) -> GainsSummary | None:
         return None
     lower, upper = gains.interval()
     factor = None if gains.stated.unknown.any() else gains.factor
-    told = {"mean": gains.value, "lower": lower, "upper": upper, "factor": factor, "stated": gains.stated.text}
-    return filled(GainsSummary, gains, **told, sd_of_coefficients=identification.sd_apart)
+    numbers = {"mean": gains.value, "lower": lower, "upper": upper, "factor": factor}
+    return filled(GainsSummary, gains, **numbers, stated=gains.stated.text, sd_of_coefficients=identification.sd_apart)
 
 
 def _constraints(identification: Identification) -> list[ConstraintSummary]:
     posterior = identification.posterior
-    at_edges, active_bounds = ({}, {}) if posterior is None else (posterior.at_edges, posterior.active_constraints)
+    at_edges, active = ({}, {}) if posterior is None else (posterior.at_edges, posterior.active_constraints)
     return [
-        filled(ConstraintSummary, one, at_edge=at_edges.get(one.label), presses=one.label in active_bounds)
-        for one in identification.constraints
+        filled(ConstraintSummary, price, at_edge=at_edges.get(price.label), presses=price.label in active)
+        for price in identification.constraints
     ]
 
 
@@ -183,14 +187,15 @@ def _search(identification: Identification) -> SearchSummary:
 
 
 def _ambiguous(identification: Identification) -> list[AmbiguousSegment] | None:
-    settled, of, log = identification.search.persistent, identification.searched, identification.log
-    if settled is None:
+    determined, segments, log = identification.search.persistent, identification.searched, identification.log
+    if determined is None:
         return None
     place, t = log.clock(identification.signals.motion.t)
     sources = [piece.source for piece in log.pieces] if log.pooled else [""]
+    ambiguous = segments[~determined]
     return [
-        AmbiguousSegment(of.joint[k] + 1, t[start], t[end - 1], end - start, sources[place[start]])
-        for k, start, end in zip(np.flatnonzero(~settled), of.start[~settled], of.end[~settled], strict=True)
+        AmbiguousSegment(joint + 1, t[start], t[end - 1], end - start, sources[place[start]])
+        for joint, start, end in zip(ambiguous.joint, ambiguous.start, ambiguous.end, strict=True)
     ]
 
 
@@ -218,14 +223,14 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
 
 
 def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummary:
-    first, own = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
-    off = np.abs(own.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), TINY)
-    most = np.argsort(-off)[: TUNING.most_different if number else 0].tolist()
+    first, this = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
+    distance = np.abs(this.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), TINY)
+    most = np.argsort(-distance)[: TUNING.most_different if number else 0].tolist()
     return ModeSummary(
         weight=posterior.modes[number].weight,
         log_evidence_se=getattr(posterior.modes[number].marginal_likelihood, "standard_error", None),
         turned_joints=posterior.flipped_joints(number),
-        coefficients={names[k]: float(own[:, k].mean()) for k in most},
+        coefficients={names[k]: float(this[:, k].mean()) for k in most},
     )
 
 
@@ -234,16 +239,16 @@ def _complete(identification: Identification) -> CompletionSummary | None:
     if model_selection is None:
         return None
     effects = [_effect(identification, entered, identification.parameter_sd[0]) for entered in model_selection.effects]
-    told = {"held_back_error": filled(ErrorsSummary, model_selection), "uncertain": tuple(model_selection.uncertain)}
-    return filled(CompletionSummary, model_selection, effects=effects, **told)
+    errors, uncertain = filled(ErrorsSummary, model_selection), tuple(model_selection.uncertain)
+    return filled(CompletionSummary, model_selection, effects=effects, held_back_error=errors, uncertain=uncertain)
 
 
 def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:
     robot, source = identification.model.robot, entered.source
-    own, numbers = {*(one.name for one in source.parameters(robot)), *source.freed(robot)}, {}
-    for place, one in enumerate(identification.model.parameters):
-        if one.name in own:
-            numbers[one.name] = {"value": identification.theta[place], "sd": spread[place], "unit": one.unit}
+    names, numbers = {*(parameter.name for parameter in source.parameters(robot)), *source.freed(robot)}, {}
+    for parameter, value, sd in zip(identification.model.parameters, identification.theta, spread, strict=True):
+        if parameter.name in names:
+            numbers[parameter.name] = {"value": value, "sd": sd, "unit": parameter.unit}
     shape = source.numbers(robot)
     known = (*entered.number_sd, *(np.nan for _ in shape))
     for (name, (value, unit)), sd in zip(shape.items(), known, strict=False):

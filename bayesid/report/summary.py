@@ -21,7 +21,7 @@ Kind = TypeVar("Kind")
 Number = float | None
 """None where it is not finite: JSON has no infinity."""
 Numbers = tuple[Number, ...]
-"""One a joint."""
+"""One per joint."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _ways(ways: Sequence[Mapping[str, Any]]) -> str:
 
 @dataclass(frozen=True)
 class SearchSummary:
-    """The search for the signs, and what is proven; None where nothing is."""
+    """The search for the signs, and its proof; None for numbers without a proof."""
 
     method: Annotated[str, Shown("Method")]
     beam_width: int | None  # w of T-PBPR
@@ -89,20 +89,20 @@ class SearchSummary:
     beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts)]
     certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
     lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
-    gap: Number  # cost less lower bound
-    optimality_gap: Number  # of the best cost, all assignments are listed
-    assignments: int | None  # number of these, the best among them
-    missed_mass: Number  # upper bound of the posterior mass of unlisted assignments over that of the best one
+    gap: Number  # cost minus lower bound
+    optimality_gap: Number  # Delta: assignments that cost up to this much more than the best are listed
+    assignments: int | None  # number of listed assignments, including the best
+    missed_mass: Number  # upper bound of the posterior mass of all unlisted assignments over that of the best one
     persistent_share: Annotated[Number, Shown("Samples with a determined sign", _percent)]
-    ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
+    ambiguous: tuple[AmbiguousSegment, ...] | None  # segments whose sign the proof does not determine
     seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
-    sdp_solves: Annotated[int, Shown("Constrained least-squares problems")]  # over the feasible parameters
+    sdp_solves: Annotated[int, Shown("Constrained least-squares problems")]  # cone problems solved
     nodes: Annotated[int, Shown("Nodes of the tree")]
     rounds: Annotated[int, Shown("Search rounds")]
     timed_out: bool = False  # whether the time limit ended a search: a faster machine may give other signs
-    # of the last search: result of each method, nominal seconds, and starts
+    # methods of the last search, each with its cost, nominal seconds and number of starts
     ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways)] = ()
-    # probability that an assignment which no search has found is right; 0 with a proof
+    # probability that the right assignment was not found; 0 with a proof
     unlisted_probability: Annotated[Number, Shown("Probability of a better assignment", _percent)] = None
 
 
@@ -111,21 +111,21 @@ class SignsSummary:
     """The model under which signs were found."""
 
     model: tuple[str, ...]  # its terms
-    weight: Number  # of it, against the model asked for
-    model_error_probability: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
+    weight: Number  # its weight against the requested model
+    model_error_probability: Numbers  # (n,) probability that the model is too wrong to determine the signs
     sure: Numbers = ()  # (n,) share of |effort| in motion with a certain sign; empty in results of earlier versions
 
 
 @dataclass(frozen=True)
 class EffectSummary:
-    """An effect that entered the model."""
+    """An effect that was added to the model."""
 
     effect: str  # name in the catalogue
-    form: str  # of it; the effect's own name where it is the main one
-    joints: tuple[int, ...]  # from 1; none named: the whole robot
-    log10_bayes_factor: Number  # for it, given all others that entered
-    equivalent: tuple[str, ...]  # effects that the log cannot tell from it
-    parameters: Mapping[str, Mapping[str, Any]]  # name to value, sd (None where none is known) and unit
+    form: str  # name of its form; that of the effect for the main form
+    joints: tuple[int, ...]  # from 1; empty: the whole robot
+    log10_bayes_factor: Number  # for the effect, given all other added effects
+    equivalent: tuple[str, ...]  # effects that the log cannot distinguish from it
+    parameters: Mapping[str, Mapping[str, Any]]  # name to value, sd (None if unknown) and unit
 
 
 @dataclass(frozen=True)
@@ -141,21 +141,21 @@ class ErrorsSummary:
 class CompletionSummary:
     """Model selection: additional effects of the catalogue."""
 
-    effects: tuple[EffectSummary, ...]  # that entered the model
-    held_back_error: ErrorsSummary  # on held-back blocks of the log
-    uncertain: tuple[str, ...]  # effects that did not enter, but widen the uncertainty
-    may_enter: bool = True  # whether effects might enter
-    too_narrow: tuple[TooNarrow, ...] = ()  # intervals that an undetectable effect would make too narrow
+    effects: tuple[EffectSummary, ...]  # effects that were added to the model
+    held_back_error: ErrorsSummary  # errors on held-back blocks of the log
+    uncertain: tuple[str, ...]  # effects that were not added, but widen the uncertainty
+    may_enter: bool = True  # whether effects may be added
+    too_narrow: tuple[TooNarrow, ...] = ()  # intervals that are too narrow if an undetectable effect is present
 
 
 @dataclass(frozen=True)
 class ModeSummary:
     """A mode of the posterior."""
 
-    weight: Number  # its share of the mass
-    log_evidence_se: Number  # standard error of its log evidence; None where there is but one
-    turned_joints: tuple[int, ...]  # from 1, with other signs than the heaviest mode for over half of the |effort|
-    coefficients: Mapping[str, Number] = field(default_factory=dict)  # whose mean differs most from that mode's
+    weight: Number  # its share of the posterior mass
+    log_evidence_se: Number  # standard error of its log evidence; None for a single mode
+    turned_joints: tuple[int, ...]  # joints, from 1, with over half of the |effort| flipped against mode 1
+    coefficients: Mapping[str, Number] = field(default_factory=dict)  # mean of those that differ most from mode 1
 
 
 @dataclass(frozen=True)
@@ -163,39 +163,39 @@ class PosteriorSummary:
     """How the posterior was sampled."""
 
     converged: bool  # by R-hat and effective sample size
-    max_rhat: Number  # of the coefficients, at worst
-    min_ess: Number  # effective sample size, at worst
-    max_rhat_of_parameters: Number  # of the standard parameters, at worst
-    draws: int  # number of them
-    ensembles: int  # that were run
-    walkers: int  # of each
+    max_rhat: Number  # largest R-hat of the coefficients
+    min_ess: Number  # smallest effective sample size
+    max_rhat_of_parameters: Number  # largest R-hat of the standard parameters
+    draws: int  # number of draws
+    ensembles: int  # number of ensembles
+    walkers: int  # walkers per ensemble
     seed: int  # of all random numbers
-    seconds: float  # taken
-    prior: str  # in words
-    prior_sd: Mapping[str, Number]  # parameter to its standard deviation
+    seconds: float  # wall-clock time
+    prior: str  # description
+    prior_sd: Mapping[str, Number]  # prior standard deviation of each parameter
     noise_scale: Numbers  # (n,) posterior mean of noise over reference noise
     assignments: Numbers  # posterior probability of each assignment that the search lists
-    assignments_elsewhere: Number  # and of all others
-    mode: int = 1  # whose mean the model holds, from 1
+    assignments_elsewhere: Number  # posterior probability of all other assignments
+    mode: int = 1  # mode, from 1, whose mean gives the parameters
     posterior_conflict: Number = None  # share of the worst joint's squared effort with signs that the search excludes
-    active_bounds: Mapping[str, Number] = field(default_factory=dict)  # to the share of draws near their edges
+    active_bounds: Mapping[str, Number] = field(default_factory=dict)  # bound to share of draws near it
     timed_out: bool = False  # whether the time limit ended sampling before convergence
-    wanted_rhat: Number = None  # up to which the draws count as converged; None in results of earlier versions
-    wanted_ess: Number = None  # from which on they do
+    wanted_rhat: Number = None  # largest R-hat of converged draws; None in results of earlier versions
+    wanted_ess: Number = None  # smallest effective sample size of converged draws
 
 
 @dataclass(frozen=True)
 class NoiseSummary:
     """The noise of the efforts, (n,) each, N m."""
 
-    assumed: str  # in words
+    assumed: str  # description
     sd: Numbers  # total
     white_sd: Numbers  # white sensor noise
     coloured_sd: Numbers  # correlated model error
-    correlation_time_s: Numbers  # of the latter, s
+    correlation_time_s: Numbers  # correlation time of the model error, s
     samples_that_count_as_one: Numbers  # integrated autocorrelation time, samples
-    effective_samples: Numbers  # samples in motion over it
-    residual_sd: Numbers  # of the fit
+    effective_samples: Numbers  # samples in motion over the autocorrelation time
+    residual_sd: Numbers  # sd of the fit's residual
 
 
 @dataclass(frozen=True)
@@ -203,12 +203,12 @@ class FitSummary:
     """The least-squares fit."""
 
     relative_residual: Numbers  # (n,) RMS residual over RMS effort
-    condition_number: Number  # of the regressor, rows over their noise, columns of equal length; None if singular
-    relative_gap: Number  # that the solver reached
-    parameters_moved_inside: bool  # whether the solution was moved into the cone
-    smallest_eigenvalues: Numbers  # of each link's pseudo-inertia
-    links_on_edge: tuple[int, ...]  # links, from 1, on the edge of what is physically feasible
-    standard_deviations: str  # what those of the coefficients are, in words
+    condition_number: Number  # of the regressor, rows over their noise, columns of unit length; None if singular
+    relative_gap: Number  # duality gap that the solver reached
+    parameters_moved_inside: bool  # whether parameters without effect were moved inside the cone
+    smallest_eigenvalues: Numbers  # smallest eigenvalue of each link's pseudo-inertia
+    links_on_edge: tuple[int, ...]  # links, from 1, at the edge of physical feasibility
+    standard_deviations: str  # method for the standard deviations of the coefficients
 
 
 @dataclass(frozen=True)
@@ -216,74 +216,74 @@ class GainsSummary:
     """Estimated gains."""
 
     mean: Numbers  # (n,) most likely values, in `unit`; the result's efforts use them
-    sd: Numbers  # (n,) their standard deviations
-    lower: Numbers  # (n,) lower ends of their 95 % intervals
-    upper: Numbers  # (n,) upper ends
-    decided_by: tuple[str, ...]  # (n,) what decides the ratio of each to the others: "data", "prior", or it is "given"
+    sd: Numbers  # (n,) standard deviations
+    lower: Numbers  # (n,) lower ends of the 95 % intervals
+    upper: Numbers  # (n,) upper ends of the 95 % intervals
+    decided_by: tuple[str, ...]  # (n,) what decides the ratio of a gain to the others: "data", "prior" or "given"
     ratio_sd: Numbers  # (n,) relative sd of that ratio
-    factor: Number  # common to all, over that of the gains stated; None where none was stated
-    factor_sd: Number  # its relative sd
-    factor_decided_by: str  # "data", with what is stated of masses or gains, or "prior"
-    unit: str  # of them
-    stated: str  # as on the command line
-    converged: bool  # whether signs and gains agree
+    factor: Number  # common factor of the gains over the stated ones; None if any gain is unknown
+    factor_sd: Number  # relative sd of this factor
+    factor_decided_by: str  # "data" (with stated masses or gains), "prior" or "given"
+    unit: str  # unit of the gains
+    stated: str  # stated gains, as on the command line
+    converged: bool  # whether signs and gains converged
     like_friction: tuple[int, ...] = ()  # joints, from 1, whose gain is confounded with load-dependent friction
-    sd_of_coefficients: Numbers = ()  # (r,) apart from the factor common to all; empty in results of earlier versions
+    sd_of_coefficients: Numbers = ()  # (r,) without the common factor's; empty in results of earlier versions
 
 
 @dataclass(frozen=True)
 class ConstraintSummary:
-    """A constraint that was stated."""
+    """A stated constraint."""
 
-    label: str  # how it was stated
-    nats: float  # gain in log-likelihood without it; 0 if not active in the fit
-    at_edge: Number = None  # share of draws at its edge, a tenth of its slack's sd from it; None without a posterior
-    presses: bool = False  # whether it limits the draws
+    label: str  # as it was stated
+    nats: float  # gain in log-likelihood without the constraint; 0 if not active in the fit
+    at_edge: Number = None  # share of draws within a tenth of the slack's sd; None without a posterior
+    presses: bool = False  # whether it is active for the draws
 
 
 @dataclass(frozen=True)
 class LowPassSummary:
     """A low-pass of |effort| after the rectifier."""
 
-    cutoff_hz: float  # of a Butterworth low-pass
-    order: int  # of it
+    cutoff_hz: float  # cut-off of a Butterworth low-pass, Hz
+    order: int  # order of the low-pass
     zero_phase: bool  # whether it was run forwards and backwards
     noise_before_sd: Numbers  # (n,) sd of the removed noise, N m
-    words: str  # in a sentence
+    words: str  # description
 
 
 @dataclass(frozen=True)
 class Summary:
     """The numbers of an identification."""
 
-    robot: str  # its name
-    log: str  # its source
-    logs: tuple[LogPart, ...] = field(default=(), kw_only=True)  # that it was joined from; empty where it is one
+    robot: str  # name of the robot
+    log: str  # source of the log
+    logs: tuple[LogPart, ...] = field(default=(), kw_only=True)  # logs that it was joined from; empty for a single log
     terms: tuple[str, ...]  # of the model
     distortions: tuple[str, ...]  # of the model
     n_samples: int  # rows of the log
-    n_segments: int  # of what was recorded
-    n_segments_searched: int  # of these, whose signs were searched
-    n_coefficients: int  # r
-    signed_joints: tuple[int, ...]  # from 1, whose signs were known
-    processing: Mapping[str, Any]  # of the signals
-    search: SearchSummary  # of the signs
-    signs: SignsSummary  # the model under which they were settled
-    posterior: PosteriorSummary | None  # None if it was not sampled
-    noise: NoiseSummary  # of the efforts
-    fit: FitSummary  # by least squares
-    timings: Mapping[str, float]  # stage to seconds
+    n_segments: int  # segments of the recorded samples
+    n_segments_searched: int  # segments whose signs were searched
+    n_coefficients: int  # number r of base coefficients
+    signed_joints: tuple[int, ...]  # joints, from 1, with known signs
+    processing: Mapping[str, Any]  # filter of the signals
+    search: SearchSummary  # sign search
+    signs: SignsSummary  # model that the signs were found with
+    posterior: PosteriorSummary | None  # None without sampling
+    noise: NoiseSummary  # noise of the efforts
+    fit: FitSummary  # least-squares fit
+    timings: Mapping[str, float]  # seconds per stage
     warnings: tuple[str, ...]
-    provenance: Provenance  # what was run on which data
+    provenance: Provenance  # options, data and versions
     complete: CompletionSummary | None = None  # None with `--complete off`
-    modes: tuple[ModeSummary, ...] = ()  # of the posterior, the heaviest first; empty where it was not sampled
-    better_reading: Misreading | None = None  # of the log, than the one given; None where there is none
-    low_pass_after_rectifier: LowPassSummary | None = None  # that |effort| has passed; None where none was found
-    gains: GainsSummary | None = None  # that were unknowns; None where all were exact
-    # label of each payload to its `mass`, kg, `com`, centre of mass in the last link's frame, m, and `inertia` about
-    # it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none is carried
+    modes: tuple[ModeSummary, ...] = ()  # modes of the posterior, heaviest first; empty without sampling
+    better_reading: Misreading | None = None  # reading that explains the log better than the given one
+    low_pass_after_rectifier: LowPassSummary | None = None  # low-pass of |effort|; None if none was found
+    gains: GainsSummary | None = None  # estimated gains; None if all were exact
+    # payload's label to `mass` (kg), `com` (centre of mass in the last link's frame, m) and `inertia` about it (xx, yy,
+    # zz, xy, xz, yz, kg m^2), each number with `value`, `sd` and `interval`; None without a payload
     payloads: Mapping[str, Mapping[str, Any]] | None = None
-    constraints: tuple[ConstraintSummary, ...] = ()  # that were stated, each with what it costs and holds back
+    constraints: tuple[ConstraintSummary, ...] = ()  # stated constraints
     corrected: tuple[str, ...] = ()  # warnings about corrected or dropped data
 
     @property
@@ -293,10 +293,10 @@ class Summary:
 
 
 def as_json(value: Any) -> Any:
-    """A structure for JSON, without optional fields of dataclasses that are empty."""
+    """A structure for JSON, without empty optional fields of dataclasses."""
     if is_dataclass(value):
-        values = [(getattr(value, one.name), one) for one in fields(value)]
-        return {one.name: as_json(item) for item, one in values if one.default not in ("", ()) or len(item)}
+        values = [(getattr(value, entry.name), entry) for entry in fields(value)]
+        return {entry.name: as_json(item) for item, entry in values if entry.default not in ("", ()) or len(item)}
     if isinstance(value, Mapping):
         return as_object(value)
     if isinstance(value, np.ndarray):
@@ -317,4 +317,4 @@ def taken(source: object, /, *names: str, **more: Any) -> dict[str, Any]:
 def filled(kind: type[Kind], source: object, /, **given: Any) -> Kind:
     """A dataclass whose fields are taken from a source by name, unless they are given."""
     names: Any = kind
-    return kind(**(taken(source, *(one.name for one in fields(names) if one.name not in given)) | given))
+    return kind(**(taken(source, *(entry.name for entry in fields(names) if entry.name not in given)) | given))

@@ -1,9 +1,9 @@
 // Draws the figures of a page with uPlot, from the data that each element of class "plot" holds
-// (bayesid/report/plot/figure.py says what they mean). Figures of one group share the range of their x axes, which
-// buttons, dragging and links to segments change. On paper they are drawn anew, dark on white.
+// (bayesid/report/plot/figure.py defines them). Figures of one group share the range of their x axes, which
+// buttons, dragging and links to segments change. For print they are drawn again, dark on white.
 "use strict";
 (() => {
-  const GREY = "#767676"; // stands for the ink, which is that of the page
+  const GREY = "#767676"; // replaced by the page's text colour
   const FONT = "12px system-ui, sans-serif";
   const FEW = 300; // dots that lie above lines; more lie below
   const RATIO = uPlot.pxRatio;
@@ -163,10 +163,10 @@
   const under = (mark) => ["boxes", "band"].includes(mark.kind) || (mark.kind === "dots" && mark.x.length > FEW);
   const numbers = (u, places, _, __, step) => {
     const large = Math.max(...places.map(Math.abs));
-    if (large >= 1e5 || (large > 0 && large < 1e-3)) return places.map((one) => minus(one.toExponential(1)));
+    if (large >= 1e5 || (large > 0 && large < 1e-3)) return places.map((place) => minus(place.toExponential(1)));
     const digits = Math.max(0, Math.min(6, Math.ceil(-Math.log10(step) - 1e-9)));
     const exact = Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) < 1e-6 ? digits : digits + 1;
-    return places.map((one) => minus(one.toFixed(exact)));
+    return places.map((place) => minus(place.toFixed(exact)));
   };
   const folded = (text, room) => {
     const rows = [""];
@@ -197,11 +197,11 @@
       ? { splits: () => side.ticks[0], values: () => side.ticks[1].map((text) => folded(text, width / 18)) }
       : { values: numbers }),
   });
-  const said = (name, value) => {
+  const labelled = (name, value) => {
     const [what, unit] = name.split(", ");
     return `${what} ${short(value)} ${unit ?? ""}`;
   };
-  const told = (u, panel, drawn) => {
+  const pointed = (u, panel, drawn) => {
     const { left, top, idx } = u.cursor;
     if (left === undefined || left < 0) return "";
     const at = u.posToVal(left, "x");
@@ -214,9 +214,9 @@
         .filter(([, , a, b]) => a <= at && at <= b)
         .map(([text, detail]) => `sign ${text} ${detail}`),
     );
-    const rest = values.length ? values.map(([label, value]) => `${label} ${short(value)}`) : [];
-    if (!values.length && !panel.y.ticks) rest.push(said(panel.y.name || "y", u.posToVal(top, "y")));
-    return [said(panel.x.name || "x", at), ...rest, ...boxes].join("\n");
+    const shown = values.length ? values.map(([label, value]) => `${label} ${short(value)}`) : [];
+    if (!values.length && !panel.y.ticks) shown.push(labelled(panel.y.name || "y", u.posToVal(top, "y")));
+    return [labelled(panel.x.name || "x", at), ...shown, ...boxes].join("\n");
   };
 
   const plot = (panel, host, height, name) => {
@@ -267,7 +267,7 @@
           ],
           setCursor: [
             (self) => {
-              readout.textContent = told(self, panel, drawn);
+              readout.textContent = pointed(self, panel, drawn);
             },
           ],
           setSelect: [
@@ -291,7 +291,7 @@
   // ------------------------------------------------------------------------------------------------------------
   const key = (marks, parent) => {
     const list = element("ul", "key", parent);
-    for (const mark of new Map(marks.map((one) => [one.label, one])).values()) {
+    for (const mark of new Map(marks.map((mark) => [mark.label, mark])).values()) {
       const entry = element("li", "", list);
       const swatch = element("span", `${mark.kind} ${mark.style ?? ""} ${mark.hatched ? "hatched" : ""}`, entry);
       const alpha = Array.isArray(mark.alpha) ? Math.max(...mark.alpha) : (mark.alpha ?? 1);
@@ -301,13 +301,13 @@
     }
   };
   const figure = (place) => {
-    const told = JSON.parse(place.dataset.figure);
+    const data = JSON.parse(place.dataset.figure);
     const name = place.dataset.group || place.closest("figure").id;
-    const columns = told.panels[0].length;
-    if (told.key) key(told.panels.flat().flatMap((panel) => panel?.marks.filter((mark) => mark.label) ?? []), place);
+    const columns = data.panels[0].length;
+    if (data.key) key(data.panels.flat().flatMap((panel) => panel?.marks.filter((mark) => mark.label) ?? []), place);
     const grid = element("div", "panels", place);
     grid.style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
-    told.panels.forEach((row, r) =>
+    data.panels.forEach((row, r) =>
       row.forEach((panel, c) => {
         const cell = element("div", "", grid);
         if (!panel) return;
@@ -315,12 +315,12 @@
           const title = element("span", "", element("div", "title", cell), panel.title);
           if (panel.tint !== GREY) title.style.borderBottom = `2px solid ${panel.tint}`;
         }
-        const height = (96 * told.height) / told.panels.length - (panel.title ? 20 : 0);
-        const alone = columns * told.panels.length === 1;
+        const height = (96 * data.height) / data.panels.length - (panel.title ? 20 : 0);
+        const alone = columns * data.panels.length === 1;
         plot(panel, element("div", "", cell), Math.round(Math.max(110, height)), alone ? name : `${name}-${r}-${c}`);
       }),
     );
-    if (told.x_name) element("div", "title", place, told.x_name);
+    if (data.x_name) element("div", "title", place, data.x_name);
   };
   const controlled = (name, group) => {
     group.extent = document.createElement("output");

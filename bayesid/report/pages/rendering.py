@@ -1,4 +1,4 @@
-"""What pages are made of: sections of text, tables and figures, in jinja2's templates; numbers as people read them."""
+"""Parts of HTML pages: sections of text, tables and figures, from jinja2 templates; numbers rounded for reading."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class Picture:
     name: str  #: its identifier
     data: Mapping[str, Any]  #: what `figures.js` draws
     caption: str  #: below it
-    alt: str  #: what it shows, for those who do not see it
-    group: str = ""  #: name of the figures that share the range of their x axes; empty if it stands by itself
+    alt: str  #: description for screen readers
+    group: str = ""  #: name of a group of figures that share the range of their x axes; empty for a single figure
 
 
 def picture(figure: Figure, name: str, caption: str, alt: str = "", group: str = "") -> Picture:
-    """A figure on a page; what it shows is the caption by default."""
+    """A figure on a page; its description is the caption by default."""
     rows = [[None if panel is None else _panel(panel) for panel in row] for row in figure.panels]
     data = {"panels": rows, "height": figure.height, "x_name": figure.x_name, "key": figure.key}
     return Picture(name, data, caption, alt or caption, group)
@@ -51,7 +51,7 @@ COLOURS = {"good": "good", "look": "look", "bad": "bad", "not done": "open"}
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: the identifier that links lead to, its heading, and what stands below."""
+    """A section of a page: identifier for links, heading, and content."""
 
     name: str
     title: str
@@ -64,22 +64,24 @@ def section(name: str, title: str, *parts: Markup) -> Section:
 
 
 def paragraph(text: str, note: bool = False) -> Markup:
-    """A paragraph; a note is smaller. Commands stand between backquotes."""
+    """A paragraph; a note is smaller. Commands are between backquotes."""
     return Markup("<p{}>{}</p>").format(Markup(' class="note"') if note else "", code(text))
 
 
 def lights(checks: Iterable[Check], words: Mapping[str, str], places: Mapping[str, str]) -> Markup:
-    """Checks as traffic lights, with a word for each state, and the sections that show more by the check's name."""
-    return _parts().lights([(one, COLOURS[one.state], words.get(one.state, one.state)) for one in checks], places)
+    """Checks as traffic lights, with a word per state; `places` maps names of checks to sections with more details."""
+    return _parts().lights(
+        [(check, COLOURS[check.state], words.get(check.state, check.state)) for check in checks], places
+    )
 
 
 def lines(checks: Iterable[Check]) -> Markup:
     """Checks in one line each, with the colour of their state."""
-    return _parts().lines([(one, COLOURS[one.state]) for one in checks])
+    return _parts().lines([(check, COLOURS[check.state]) for check in checks])
 
 
 def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
-    """A table; cells are text, or what `number` and the like make of a number."""
+    """A table; cells are text, or results of `number`, `percent` and `probability`."""
     return _parts().table(caption, headings, list(rows))
 
 
@@ -89,12 +91,12 @@ def items(texts: Sequence[str]) -> Markup:
 
 
 def columns(lists: Sequence[tuple[str, Sequence[str]]], nothing: str) -> Markup:
-    """Lists side by side, each with its heading; `nothing` stands where one is empty."""
+    """Lists side by side, each with its heading; an empty one shows `nothing`."""
     return _parts().columns(lists, nothing)
 
 
 def figures(pictures: Sequence[Picture], linked: bool = False) -> Markup:
-    """Figures, or those over time that share their range."""
+    """Figures; if `linked`, with a common range of their x axes."""
     return _parts().linked(pictures) if linked else _parts().figures(pictures)
 
 
@@ -107,10 +109,10 @@ def page(
     warnings: Sequence[str],
     sections: Sequence[Section],
 ) -> str:
-    """A whole page that opens from anywhere, light or dark, and prints; nothing is fetched, text is escaped.
+    """A whole page in one file, in light and dark colours, for screen and print; text is escaped.
 
-    The status is a class and a few words, the lead says the same in a sentence or two, or as `lines` does,
-    and `about` names and values.
+    The status is a CSS class and a few words; the lead gives it in sentences, or as `lines`; `about` is a list of names
+    and values.
     """
     styles = {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script(), "version": version("bayesid")}
     content = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
@@ -118,7 +120,7 @@ def page(
 
 
 def fragment(template: str, **content: Any) -> str:
-    """What a template makes of its content; text is escaped."""
+    """A filled template; text is escaped."""
     return _environment().get_template(template).render(**content)
 
 
@@ -133,8 +135,8 @@ def _read(file: str) -> Markup:
 
 @cache
 def _script() -> Markup:
-    """The library uPlot under its licence, which draws at twice a screen's resolution, to print well; and ours."""
-    code = _read("uPlot.iife.min.js").partition("\n")[2]  # without its address
+    """Scripts of a page: uPlot with its licence, at twice the screen's resolution for print, and figures.js."""
+    code = _read("uPlot.iife.min.js").partition("\n")[2]  # without the comment with its URL
     sharp = "const uPlot = ((devicePixelRatio) => {{\n{}\nreturn uPlot;\n}})(Math.max(2, devicePixelRatio));\n"
     licence = Markup("/* uPlot 1.6.32\n{}*/\n").format(_read("uPlot.LICENSE"))
     return licence + Markup(sharp.format(code)) + _read("figures.js")
@@ -157,18 +159,18 @@ def _environment() -> Environment:
 
 
 def _panel(panel: Panel) -> dict[str, Any]:
-    """For `figures.js`: numbers to a hundred-thousandth of an axis in x, to a ten-thousandth in y; nan is null."""
+    """Input of `figures.js`: x to a hundred-thousandth of the axis, y to a ten-thousandth; NaN is null."""
     x_ends, y_ends = panel.limits
     x_digits, y_digits = _digits(x_ends, 5), _digits(y_ends, 4)
-    xs: dict[bytes, list[float | None]] = {}  # of curves, which several have in common
+    xs: dict[bytes, list[float | None]] = {}  # x of curves; equal ones are stored once
 
     def across(x: Array) -> int:
         key = np.asarray(x).tobytes()
         xs.setdefault(key, _rounded(x, x_digits))
         return list(xs).index(key)
 
-    def told(mark: Mark) -> dict[str, Any]:
-        named = {one.name: getattr(mark, one.name) for one in fields(mark)}
+    def plain(mark: Mark) -> dict[str, Any]:
+        named = {item.name: getattr(mark, item.name) for item in fields(mark)}
         if isinstance(mark, Line):
             named |= {"x": across(mark.x), "y": _rounded(mark.y, y_digits)}
         elif isinstance(mark, Band):
@@ -186,7 +188,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
         return {"kind": type(mark).__name__.lower(), **named}
 
     return {
-        "marks": [told(mark) for mark in panel.marks],
+        "marks": [plain(mark) for mark in panel.marks],
         "xs": list(xs.values()),
         "x": _axis(panel.x_name, x_ends, panel.x_ticks, True),
         "y": _axis(panel.y_name, y_ends, panel.y_ticks, panel.grid == "both"),
@@ -202,7 +204,7 @@ def _axis(name: str, ends: tuple[float, float], ticks: Ticks, grid: bool) -> dic
 
 
 def _digits(ends: tuple[float, float], figures: int) -> int:
-    """Behind the point, so that an axis is divided into ten to the power of so many figures at least."""
+    """Decimals that resolve at least 10^`figures` steps of an axis."""
     return figures - math.floor(math.log10(ends[1] - ends[0]))
 
 
@@ -212,7 +214,7 @@ def _rounded(values: ArrayLike, digits: int) -> list[float | None]:
 
 
 def typeset(text: str) -> Markup:
-    """Escaped, with the signs that plain text lacks."""
+    """Escaped text with typographic signs."""
     text = str(escape(text)).replace(" +- ", "&nbsp;&plusmn;&nbsp;").replace("^2", "&sup2;").replace("^3", "&sup3;")
     text = text.replace(" -&gt; ", "&nbsp;&rarr;&nbsp;")
     text = re.sub(r"\b(N|kg) (m|s)\b", r"\1&nbsp;\2", text)
@@ -227,17 +229,17 @@ def code(text: str) -> Markup:
 
 
 def cell(text: str) -> Markup:
-    """Typeset, unless it is already; a dash for nothing."""
+    """Typeset text; Markup is unchanged, an empty text is a dash."""
     return text if isinstance(text, Markup) else typeset(text) if text else NONE
 
 
 def data(value: float, text: str) -> Markup:
-    """A number as people read it, and exactly for machines."""
+    """A rounded number as text, with the exact one as the element's value."""
     return Markup('<data value="{}">{}</data>').format(repr(float(value)), typeset(text.rstrip()))
 
 
 def number(value: float, unit: str = "") -> Markup:
-    """For people to three digits, for machines exactly."""
+    """A number to three digits, with the exact one as the element's value."""
     if np.isnan(value):
         return NONE
     return data(value, f"unlimited {unit}" if np.isposinf(value) else f"{rounded(float(value))} {unit}")

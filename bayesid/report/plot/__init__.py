@@ -41,5 +41,5 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    """What completion offers: the figures, not the modules that draw them."""
+    """The figures, for completion."""
     return __all__

@@ -31,7 +31,11 @@ def new_figure(height: float, width: float = WIDTH) -> MatplotlibFigure:
 
 
 def chosen_joints(n_joints: int, joints: Sequence[int] | None) -> list[int]:
-    """Joints from 1, all by default; InputError if there is no such joint, or what was given is no list."""
+    """Joints from 1, all by default.
+
+    Raises:
+        InputError: there is no such joint, or `joints` is not a list.
+    """
     if isinstance(joints, int | str):
         raise InputError(f"{joints!r} is not a list of joints", "joints", f"give one, as joints=[{joints}]")
     chosen = list(range(1, n_joints + 1)) if joints is None else list(joints)
@@ -41,7 +45,7 @@ def chosen_joints(n_joints: int, joints: Sequence[int] | None) -> list[int]:
 
 
 def given_axes(axes: Any, count: int) -> Any:
-    """(count,) the Axes in an array, a list or by itself; ValueError if there are not as many."""
+    """(count,) the given Axes: an array, a list or a single one; ValueError if their number is not `count`."""
     given = np.asarray(axes, dtype=object).ravel()
     if len(given) != count:
         raise ValueError(f"{len(given)} axes are given, {count} are needed")
@@ -49,9 +53,9 @@ def given_axes(axes: Any, count: int) -> Any:
 
 
 def draw(figure: Figure, axes: Any = None) -> list[Axes]:
-    """Draws a figure, in a new one of matplotlib or into the Axes given, and returns an Axes for each panel.
+    """Draws a figure in a new matplotlib figure or in the given Axes, and returns one Axes per panel.
 
-    `axes` are one for each panel, or for each place in its rows, row by row; ValueError if there are not as many.
+    `axes` are one per panel, or one per place of the rows, row by row; ValueError for another number.
     """
     places = [panel for row in figure.panels for panel in row]
     columns = len(figure.panels[0])
@@ -95,7 +99,7 @@ def draw_panel(ax: Axes, panel: Panel) -> None:
 
 
 def dress(ax: Axes, x_name: str = "", y_name: str = "", title: str = "", grid: Literal["both", "x"] = "both") -> None:
-    """Names, and one ink for all that is not data."""
+    """Names of the axes; one colour for everything except data."""
     ax.set_xlabel(x_name, fontsize=SIZE, color=INK)
     ax.set_ylabel(y_name, fontsize=SIZE, color=INK)
     ax.set_title(title, fontsize=SIZE, color=INK)
@@ -110,7 +114,7 @@ def dress(ax: Axes, x_name: str = "", y_name: str = "", title: str = "", grid: L
 
 
 def svg_of(ax: Axes, alt: str) -> str:
-    """The figure of an Axes as an element for HTML, its text as text; `alt` is for those who do not see it."""
+    """The figure of an Axes as an SVG element for HTML; `alt` describes it for screen readers."""
     from matplotlib import rc_context
 
     text = io.StringIO()
@@ -193,7 +197,7 @@ def _colours(mark: Boxes) -> Array:
 
 
 def legend(ax: Axes, handles: Sequence[Any], names: Sequence[str], outside: bool) -> None:
-    """Above all Axes of a figure made here, in one row; inside the Axes of another's figure, which may have no room."""
+    """A legend above all Axes of a figure made here, or inside the first Axes of a given figure."""
     look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK}
     if outside:
         look |= {"ncols": len(names) if len(names) <= 6 else 4, "frameon": False}
@@ -204,7 +208,7 @@ def legend(ax: Axes, handles: Sequence[Any], names: Sequence[str], outside: bool
 
 
 def _handle(mark: Mark) -> Any:
-    """What stands for a mark in a legend."""
+    """The symbol of a mark in a legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

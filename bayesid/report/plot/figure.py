@@ -19,18 +19,18 @@ from bayesid.report.report_data import envelope
 
 INK, ORANGE, BLUE, MAGENTA = "#767676", "#cc6a1a", "#2b83c6", "#c2408f"
 WIDTH, WIDE = 5.4, 10.0
-"""in; two figures of the first width fit side by side on a page, the second is a whole page's."""
+"""Widths, inches: two figures of the first width fit side by side on a page, one of the second fills it."""
 Style = Literal["solid", "dashed", "dotted"]
 Ends = tuple[ArrayLike, ArrayLike] | None
 """(K,) lower and (K,) upper ends; None: the whole panel."""
 Ticks = tuple[ArrayLike, Sequence[str]] | None
-"""Places and what stands there; None: round numbers."""
+"""Positions and texts of an axis' ticks; None: multiples of 1, 2 or 5."""
 NO_TICKS: Ticks = ((), ())
 
 
 @dataclass(frozen=True)
 class Line:
-    """A curve through (N,) points, interrupted where one is nan; width in points."""
+    """A curve through (N,) points, interrupted where a value is NaN; width in points."""
 
     x: Array
     y: Array
@@ -57,14 +57,14 @@ class Band:
 class Boxes:
     """K rectangles: bars, or shaded ranges of an axis."""
 
-    x: Ends  #: ends to the left and the right
-    y: Ends  #: ends below and above
-    colour: str | Sequence[str]  #: of all, or of each
+    x: Ends  #: left and right ends
+    y: Ends  #: lower and upper ends
+    colour: str | Sequence[str]  #: one for all boxes, or one per box
     label: str = ""  #: in the legend
-    alpha: ArrayLike = 1.0  #: opacity of all, or of each
-    hatched: bool = False  #: instead of filled
-    letters: Sequence[str] = ()  #: K texts above the panel, each shown if it is narrower than its box; none by default
-    details: Sequence[str] = ()  #: K texts that a page adds to a letter under the pointer
+    alpha: ArrayLike = 1.0  #: opacity, one for all boxes or one per box
+    hatched: bool = False  #: hatched instead of filled
+    letters: Sequence[str] = ()  #: K texts above the panel, each shown if it is narrower than its box
+    details: Sequence[str] = ()  #: K texts that a page shows for the box under the pointer
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Strokes:
 
 @dataclass(frozen=True)
 class Dots:
-    """(N,) points; their diameter in points."""
+    """(N,) dots; diameter in points."""
 
     x: ArrayLike
     y: ArrayLike
@@ -93,7 +93,7 @@ class Dots:
 
 @dataclass(frozen=True)
 class Words:
-    """Texts to the right of (K,) places."""
+    """Texts to the right of (K,) positions."""
 
     x: ArrayLike
     y: ArrayLike
@@ -107,33 +107,33 @@ Mark = Line | Band | Boxes | Strokes | Dots | Words
 class Panel:
     """One pair of axes."""
 
-    marks: Sequence[Mark]  #: what is drawn, the first one lowest
-    x_name: str = ""  #: of the x axis, with its unit
-    y_name: str = ""  #: of the y axis, with its unit
-    title: str = ""  #: above
-    title_colour: str = INK  #: of the title
-    x_limits: tuple[float, float] | None = None  #: ends of the x axis; None: those of the data with a margin
+    marks: Sequence[Mark]  #: in drawing order, the lowest first
+    x_name: str = ""  #: name and unit of the x axis
+    y_name: str = ""  #: name and unit of the y axis
+    title: str = ""  #: above the panel
+    title_colour: str = INK  #: colour of the title
+    x_limits: tuple[float, float] | None = None  #: ends of the x axis; None: range of the data plus a margin
     y_limits: tuple[float, float] | None = None  #: ends of the y axis, the lower one first
-    x_ticks: Ticks = None  #: what stands at the x axis
-    y_ticks: Ticks = None  #: what stands at the y axis
-    grid: Literal["both", "x"] = "both"  #: along which axes' numbers there are lines
-    margins: tuple[float, float] = (0.05, 0.05)  #: of x and y, as a share of what the data take
+    x_ticks: Ticks = None  #: ticks of the x axis
+    y_ticks: Ticks = None  #: ticks of the y axis
+    grid: Literal["both", "x"] = "both"  #: axes with grid lines at their ticks
+    margins: tuple[float, float] = (0.05, 0.05)  #: of x and y, over the range of the data
     downwards: bool = False  #: whether y grows downwards
 
     @property
     def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Ends of both axes. Where boxes reach to zero, as bars do, an axis ends there."""
+        """Ends of both axes; without a margin at zero if boxes, such as bars, end there."""
         boxes = any(isinstance(mark, Boxes) for mark in self.marks)
         x, y = (_around(list(self._values(side)), self.margins[side], boxes) for side in (0, 1))
         return self.x_limits or x, self.y_limits or y
 
     @property
     def labelled(self) -> dict[str, Mark]:
-        """The marks of a legend by their labels."""
+        """Marks by their labels, for a legend."""
         return {mark.label: mark for mark in self.marks if not isinstance(mark, Words) and mark.label}
 
     def _values(self, side: int) -> Iterator[Array]:
-        """What a mark covers in x (0) or y (1)."""
+        """Values of the marks in x (0) or y (1)."""
         for mark in self.marks:
             if isinstance(mark, Boxes | Strokes):
                 ends = (mark.x, mark.y)[side]
@@ -146,14 +146,14 @@ class Panel:
 
 @dataclass(frozen=True)
 class Figure:
-    """Panels in rows, None where there is none."""
+    """Panels in rows of equal length; None for an empty place."""
 
-    panels: Sequence[Sequence[Panel | None]]  #: rows of equally many
-    height: float  #: in
-    width: float = WIDTH  #: in
-    x_name: str = ""  #: below all
-    key: bool = False  #: whether a legend says what is drawn
-    heights: Sequence[float] | None = None  #: of the rows, over each other; all the same by default
+    panels: Sequence[Sequence[Panel | None]]  #: the rows
+    height: float  #: inches
+    width: float = WIDTH  #: inches
+    x_name: str = ""  #: name below all panels
+    key: bool = False  #: whether there is a legend
+    heights: Sequence[float] | None = None  #: relative heights of the rows; equal by default
 
     @property
     def shown(self) -> list[Panel]:
@@ -162,7 +162,7 @@ class Figure:
 
 
 def rows_of(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
-    """Panels in rows of so many, the last one filled up with None."""
+    """Panels in rows of equal length; the last row is filled with None."""
     filled: list[Panel | None] = [*panels, *[None] * (-len(panels) % columns)]
     return [filled[first : first + columns] for first in range(0, len(filled), columns)]
 
@@ -170,7 +170,7 @@ def rows_of(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
 def listing(
     marks: Sequence[Mark], names: Sequence[str], x_name: str, height: float, *, rows: int = 0, margin: float = 0.05
 ) -> Figure:
-    """Bars or dots below each other, row 0 on top, with names beside them, or so many rows without."""
+    """Bars or dots below each other, row 0 on top, with names, or a number of rows without names."""
     ends = -0.6, max(len(names), rows, 1) - 0.4
     ticks = np.arange(len(names)), names
     panel = Panel(marks, x_name, y_limits=ends, y_ticks=ticks, grid="x", margins=(margin, 0.0), downwards=True)
@@ -185,16 +185,16 @@ def with_common_limits(panels: Sequence[Panel]) -> list[Panel]:
 
 
 def thinned(curves: Sequence[Line | Band], most: int) -> list[Line | Band]:
-    """Curves over the same x at common rows, at most about so many, so that each keeps its extremes."""
-    edges = [(one.low, one.high) if isinstance(one, Band) else (one.y,) for one in curves]
+    """Curves over the same x, thinned to about `most` common rows that include the extremes of each curve."""
+    edges = [(curve.low, curve.high) if isinstance(curve, Band) else (curve.y,) for curve in curves]
     values = [edge for pair in edges for edge in pair]
     rows = np.unique(np.concatenate([envelope(value, most // len(values)) for value in values]))
     x = curves[0].x[rows]
     return [
-        replace(one, x=x, low=one.low[rows], high=one.high[rows])
-        if isinstance(one, Band)
-        else replace(one, x=x, y=one.y[rows])
-        for one in curves
+        replace(curve, x=x, low=curve.low[rows], high=curve.high[rows])
+        if isinstance(curve, Band)
+        else replace(curve, x=x, y=curve.y[rows])
+        for curve in curves
     ]
 
 

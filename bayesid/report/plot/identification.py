@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Source = Identification | ReportData | str | Path
 """An identification, its findings, or its result folder."""
 VARIABLES = ("t", "velocity", "position")
-"""Over which a residual can be drawn; names as in `bayesid.report.report_data.Samples`."""
+"""Variables of the x axis of a residual, as in `bayesid.report.report_data.Samples`."""
 
 
 def findings_of(result: Source) -> ReportData:
@@ -65,7 +65,7 @@ def torques(result: Source, joints: Sequence[int] | None = None, axes: Any = Non
 
 
 def torque_panel(findings: ReportData, joint: int, most: int = TUNING.curve) -> fig.Panel:
-    """Of `torques`, for a joint from 1; curves of at most about so many points each."""
+    """Panel of `torques` for a joint (from 1); curves have about `most` points."""
     samples, j = findings.samples, joint - 1
     hidden = joint not in findings.summary.signed_joints
     curves = [
@@ -86,7 +86,7 @@ def validation(result: Source, joints: Sequence[int] | None = None, axes: Any = 
 
 
 def validation_panel(findings: ReportData, joint: int, most: int = TUNING.curve) -> fig.Panel:
-    """Of `validation`, for a joint from 1; curves of at most about so many points each."""
+    """Panel of `validation` for a joint (from 1); curves have about `most` points."""
     prediction, j = findings.prediction, joint - 1
     assert prediction is not None
     t = prediction.t
@@ -105,7 +105,7 @@ def _over_time(findings: ReportData, joint: int, t: Array, marks: Sequence[fig.M
 
 
 def _signs(findings: ReportData, j: int) -> list[fig.Boxes]:
-    """Behind the curves, a box for each segment with its sign above."""
+    """A box behind the curves for each segment, with its sign above."""
     table = findings.segments
     boxes = []
     for sign, colour, name in ((1, fig.BLUE, "+"), (-1, fig.ORANGE, "\N{MINUS SIGN}")):
@@ -136,12 +136,12 @@ def residuals(result: Source, variable: str = "t", joints: Sequence[int] | None 
         'residual 2, N m'
     """
     if variable not in VARIABLES:
-        raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
+        raise ValueError(f"{variable!r} is not one of {', '.join(VARIABLES)}")
     return _joint_by_joint(findings_of(result), partial(residual_panel, variable=variable), joints, axes)
 
 
 def residual_panel(findings: ReportData, joint: int, variable: str, most: int = TUNING.scatter) -> fig.Panel:
-    """Of `residuals`, for a joint from 1; at most so many dots."""
+    """Panel of `residuals` for a joint (from 1), with at most `most` dots."""
     centre, mean, error = findings.trend(joint - 1, variable)
     position = findings.position_unit[joint - 1]
     x_name = {"t": "time, s", "velocity": f"velocity, {position}/s", "position": f"position, {position}"}[variable]
@@ -159,7 +159,7 @@ def autocorrelation(result: Source, joints: Sequence[int] | None = None, axes: A
 
 
 def autocorrelation_panel(findings: ReportData, joint: int) -> fig.Panel:
-    """Of `autocorrelation`, for a joint from 1."""
+    """Panel of `autocorrelation` for a joint (from 1)."""
     table = findings.correlation
     bound = float(table.bound[joint - 1])
     marks = (
@@ -199,9 +199,9 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
 
 
 def alternatives(result: Source, ax: Axes | None = None) -> Axes:
-    """Costs above that of the best assignment: alternatives that remain, and all that the proof excludes.
+    """Costs above that of the best assignment: alternatives that the proof does not exclude, and its limit.
 
-    A cost that is larger by x makes an assignment exp(-x / 2) times as probable, up to the volume of its cone.
+    An assignment with a cost that is larger by x is exp(-x / 2) times as probable, up to the volume of its cone.
     """
     return draw(alternatives_figure(findings_of(result)), ax)[0]
 

@@ -31,12 +31,12 @@ _LOOKS += [(colour, "dashed") for colour in (BLUE, ORANGE, MAGENTA)]
 
 
 def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
-    """Positions, velocities and accelerations as shares of their limits, and expected |effort|, a column a joint.
+    """Positions, velocities and accelerations as shares of their limits, and expected |effort|; one column per joint.
 
-    Blue: segments. Orange: weak ones, whose signs are the first to be wrong as the noise grows.
+    Blue: segments. Orange: weak segments, whose signs become wrong first as the noise grows.
 
     Args:
-        design: what to show.
+        design: a designed motion.
         axes: (4, n) of them; new ones by default.
 
     Returns:
@@ -69,12 +69,12 @@ def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
 
 
 def excitation_figure(design: ExcitationDesign) -> Figure:
-    """`excitation` in a figure of its own."""
+    """`excitation` as a new figure."""
     return cast("Figure", excitation(design)[0].figure)
 
 
 def _draw_expected(ax: Axes, design: ExcitationDesign, joint: int) -> None:
-    """|effort|, those of weak segments in orange."""
+    """|effort|, in orange for weak segments."""
     quality, t = design.reached, design.motion.t
     segments, magnitude = quality.segments, quality.magnitude[:, joint]
     here = np.flatnonzero(segments.joint == joint)
@@ -102,17 +102,17 @@ class Poses:
 
 @dataclass(frozen=True)
 class MotionPicture:
-    """What `planned_motion` draws."""
+    """Input of `planned_motion`."""
 
     robot: str  #: its name
     joint_names: tuple[str, ...]  #: n of them
     motion: Motion  #: N instants of n joints
-    limits: MotionLimits  #: of the joints; infinite where there is none
+    limits: MotionLimits  #: of the joints; infinite without a limit
     effort: Array  #: (N, n) expected efforts, N m (N)
     effort_band: tuple[Array, Array]  #: (N, n) lower and (N, n) upper ends of the efforts' band
     poses: Poses  #: extreme ones
     distance: Array | None = None  #: (N,) least distance to itself and the floor, m; None if nothing was checked
-    margin: float | None = None  #: that the distance has to keep, m; None if there is none
+    margin: float | None = None  #: least allowed distance, m; None if not checked
     #: text in place of the distance
     not_checked: str = "Distances to itself and to the floor were not checked."
 
@@ -120,8 +120,8 @@ class MotionPicture:
 def planned_motion(picture: MotionPicture) -> Figure:
     """Positions, velocities, accelerations and efforts against limits; extreme poses from two sides; distances.
 
-    One row per joint, one column per quantity: curves are blue, limits orange. A text above a panel has the share of
-    the limit that is used, or the distance to a limit of positions; magenta beyond a limit.
+    One row per joint, one column per quantity; curves are blue, limits orange. The text above a panel is the used share
+    of the limit, or the distance to the position limit; it is magenta beyond a limit.
     """
     motion, limits, n = picture.motion, picture.limits, picture.motion.n_joints
     effort = np.inf if limits.effort is None else limits.effort
@@ -143,10 +143,10 @@ def planned_motion(picture: MotionPicture) -> Figure:
             _draw_curve(ax, motion.t, values[:, j], (low[:, j], high[:, j]), limit)
             dress(ax, "time, s" * (j == n - 1))
             ax.tick_params(labelsize=SIZE - 2.5)
-            _say_use(ax, float(low[:, j].min()), float(high[:, j].max()), *limit, left=values is motion.q)
+            _write_use(ax, float(low[:, j].min()), float(high[:, j].max()), *limit, distance=values is motion.q)
         column[0].set_title(title, fontsize=SIZE, color=INK, pad=16.0)  # a line of words fits between
     for j, ax in enumerate(axes[:, 0]):
-        _say(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
+        _write(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
     side, above, last = parts[1].subplots(1, 3, width_ratios=[1.0, 1.0, 1.2])
     _draw_poses(picture.poses, side, above)
     look: dict[str, Any] = {"ncols": 4, "frameon": False, "fontsize": SIZE - 1.0, "labelcolor": INK}
@@ -200,23 +200,23 @@ def _draw_curve(ax: Axes, t: Array, curve: Array, band: tuple[Array, Array], end
     ax.set(xlim=(t[0], t[-1]), ylim=(values.min() - room, values.max() + room))
 
 
-def _say(ax: Axes, text: str, right: float, **look: Any) -> None:
-    """A word above a panel, at its left end (0) or its right one (1)."""
+def _write(ax: Axes, text: str, right: float, **look: Any) -> None:
+    """A text above a panel, at its left or right end."""
     across = "right" if right else "left"
     ax.text(right, 1.03, text, transform=ax.transAxes, ha=across, va="bottom", fontsize=SIZE - 2.0, **look)
 
 
-def _say_use(ax: Axes, low: float, high: float, lower: float, upper: float, *, left: bool) -> None:
-    """How much of the limits values from low to high use or leave; in magenta beyond them."""
+def _write_use(ax: Axes, low: float, high: float, lower: float, upper: float, *, distance: bool) -> None:
+    """Text: the share of the limits that values from low to high use, or the distance left; magenta beyond limits."""
     if not np.isfinite([lower, upper]).any():
         return
-    if left:
+    if distance:
         room = min(low - lower, upper - high)
         beyond, text = room < 0.0, f"{-room:.2g} beyond a limit" if room < 0.0 else f"{room:.2g} to a limit"
     else:
         share = max(-low, high) / upper
         beyond, text = share > 1.0, f"{percent(share, 0)} of the limit"
-    _say(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
+    _write(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
 
 
 def _draw_poses(poses: Poses, *views: Axes) -> None:

@@ -1,7 +1,7 @@
 """The posterior's draws of the least determined coefficients.
 
-In units of the prior's standard deviation, about the posterior's mean: coefficients that the data decide are narrow,
-those that the prior decides reach from -2 to 2.
+Values are about the posterior's mean, in units of the prior's standard deviation. Coefficients that the data decide are
+narrow; those that the prior decides reach from -2 to 2.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def trace_figure(findings: ReportData, count: int) -> fig.Figure:
 
 
 def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
-    """Ranks of each ensemble's draws among all: flat where the ensembles agree."""
+    """Ranks of each ensemble's draws among all draws: uniform if the ensembles agree."""
     return draw(rank_figure(findings_of(result), count), axes)
 
 
@@ -118,7 +118,7 @@ def rank_figure(findings: ReportData, count: int) -> fig.Figure:
 # Parts
 # ---------------------------------------------------------------------------------------------------------------
 def _ranks(draws: Array, name: str) -> fig.Panel:
-    """Histograms of the ranks of each ensemble's draws (E, D) among all, one above the other; dashed if uniform."""
+    """Histograms of the ranks of each ensemble's draws (E, D) among all draws; the dashed line is uniform."""
     ordered = np.sort(draws, axis=None)
     ranks = 0.5 * (1.0 + np.searchsorted(ordered, draws) + np.searchsorted(ordered, draws, "right"))
     edges = np.linspace(0.5, draws.size + 0.5, TUNING.histogram + 1)

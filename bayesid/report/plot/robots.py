@@ -1,4 +1,4 @@
-"""The skeleton of a robot, to compare with a drawing of its maker's."""
+"""The skeleton of a robot, to compare with its manufacturer's drawing."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _ARROW = 0.11
 _SHORTEST = 1e-4
 """m; a shorter piece of a link is rounding."""
 _EDGE_ON = 0.3
-"""Share of an axis that is seen below which it counts as pointing at the viewer or away."""
+"""Projected length of an axis over its length, below which it points towards or away from the viewer."""
 _DIRECTIONS = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1), (0, 1), (1, 0), (0, -1), (-1, 0)])
-"""In which a label may stand from its place."""
+"""Directions from its position in which a label may be placed."""
 _CAPTION = (
     "Joints turn about their arrows by the right-hand rule; a dot in a ring points towards you, a cross away. "
     "Lengths in mm."
@@ -76,7 +76,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
 
 
 def skeleton_figure(robot: Robot, q: ArrayLike | None = None) -> Figure:
-    """`skeleton` in a figure of its own."""
+    """`skeleton` as a new figure."""
     return cast("Figure", skeleton(robot, q)[0].figure)
 
 
@@ -87,13 +87,10 @@ def positions_text(here: Pose) -> str:
 
 
 class _View:
-    """A pose as it is seen along one axis of the base frame.
-
-    Each label stands in the direction in which it covers least.
-    """
+    """A pose seen along one axis of the base frame; labels are placed where they cover least."""
 
     def __init__(self, ax: Axes, here: Pose, points: Array, seen: list[int]) -> None:
-        """The same scale for all views, and room for arrows and labels."""
+        """The same scale for all views, with margins for arrows and labels."""
         self._ax, self._here, self._seen = ax, here, seen
         size = max(float(np.ptp(points, axis=0).max()), _SHORTEST)
         flat = points[:, seen]
@@ -105,7 +102,7 @@ class _View:
         self._clear: list[Array] = []
 
     def draw_gravity(self) -> None:
-        """An arrow in the corner, where the view shows its direction."""
+        """An arrow in the corner, unless it points towards or away from the viewer."""
         gravity = self._here.robot.gravity
         down = gravity[self._seen] / (np.linalg.norm(gravity) or 1.0)
         if np.linalg.norm(down) >= _EDGE_ON:
@@ -114,7 +111,7 @@ class _View:
             self._label("g", corner, INK, SIZE - 1.0)
 
     def draw_links(self) -> None:
-        """All pieces; the length of each, where it is seen whole, or else in the view that shows most of it."""
+        """All pieces; each with its length in the view that shows its full length, or most of it."""
         seen = self._seen
         for number, line in enumerate(self._here.lines, start=1):
             look: dict[str, Any] = {"linewidth": 4.0, "solid_capstyle": "round", "alpha": 0.8, "gid": f"link {number}"}
@@ -137,7 +134,7 @@ class _View:
             self._label("xyz"[axis], tip, INK, SIZE - 1.0)
 
     def draw_joints(self) -> None:
-        """Each joint's axis where the skeleton meets it; joints that are seen in one place have one label."""
+        """Each joint's axis; joints in the same place of the view share a label."""
         seen, places = self._seen, self._here.joint_points[:, self._seen]
         towards = np.cross(np.eye(3)[seen[0]], np.eye(3)[seen[1]])  # the viewer
         for place, axis in zip(places, self._here.axes, strict=True):
@@ -147,11 +144,12 @@ class _View:
             else:
                 self._ax.plot(*place, "o", color=ORANGE, markersize=11.0, fillstyle="none", markeredgewidth=1.5)
                 self._ax.plot(*place, "." if axis @ towards > 0.0 else "x", color=ORANGE, markersize=6.0)
-        left = list(range(len(places)))
-        while left:
-            near = [i for i in left if np.linalg.norm(places[i] - places[left[0]]) <= self._near]
-            self._label(", ".join(str(i + 1) for i in near), places[left[0]], ORANGE, SIZE + 1.0, first=True)
-            left = [i for i in left if i not in near]
+        remaining = list(range(len(places)))
+        while remaining:
+            place = places[remaining[0]]
+            near = [i for i in remaining if np.linalg.norm(places[i] - place) <= self._near]
+            self._label(", ".join(str(i + 1) for i in near), place, ORANGE, SIZE + 1.0, first=True)
+            remaining = [i for i in remaining if i not in near]
 
     def draw_flange(self) -> None:
         """With its z axis."""
@@ -171,11 +169,11 @@ class _View:
         self._clear.append(self._scale * np.linspace(start, end, count))
 
     def _label(self, text: str, place: Array, colour: str, size: float, first: bool = False) -> None:
-        """A word at a place, (2,) m; those that are `first` choose before the others."""
+        """A label at a place (2,), m; labels with `first` are placed before the others."""
         self._labels.append((not first, text, place, colour, size))
 
     def draw_labels(self) -> None:
-        """All words, where they cover neither lines nor each other, as far as there is room."""
+        """Places all labels where they cover lines and each other least."""
         lines, taken = np.concatenate(self._clear), np.empty((0, 4))
         offsets = np.concatenate([distance * _DIRECTIONS for distance in (5.0, 11.0, 18.0)])
         for _, text, place, colour, size in sorted(self._labels, key=lambda label: label[0]):
