@@ -129,22 +129,19 @@ def effects(rows: Sequence[Row]) -> str:
     rows = decoded(rows)
     kinds = by_kind(rows)
     clear = [row for row in kinds["single"] if row["size"] >= CLEAR]
-    mended = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
+    known = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
     seconds = [row["timings"]["discrepancy"] for row in rows]
     signs_right = [row["signs"] for row in rows]
     lines = [
-        [f"named first (or its class), size >= {CLEAR:g}", share(clear, "first")],
+        [f"named first (or equivalent), size >= {CLEAR:g}", share(clear, "first")],
         ["joint right", share([row for row in clear if row["hidden"][0][1] and row["first"]], "joint")],
-        ["nothing hidden, something named", count(kinds["none"], lambda row: bool(row["named"]))],
-        ["outside of the catalogue: unexplained, with the right joint", count(kinds["outside"], outside_right)],
+        ["none hidden, one named", count(kinds["none"], lambda row: bool(row["named"]))],
+        ["outside of the catalogue: unexplained, right joint", count(kinds["outside"], outside_right)],
         ["two effects, both found in their joints", share(kinds["pairs"], "all")],
-        ["holdout gap over the true floor, median before and after", _gaps(mended)],
-        [f"the same, size >= {CLEAR:g}", _gaps([row for row in mended if row["size"] >= CLEAR])],
-        [
-            "signs right afterwards (strong samples), mean and least",
-            f"{np.mean(signs_right):.2%}, {min(signs_right):.2%}",
-        ],
-        ["seconds a log, without identification, median and most", f"{np.median(seconds):.1f}, {max(seconds):.0f}"],
+        ["holdout gap over the noise floor, median before and after", _gaps(known)],
+        [f"the same, size >= {CLEAR:g}", _gaps([row for row in known if row["size"] >= CLEAR])],
+        ["signs right (strong samples), mean and minimum", f"{np.mean(signs_right):.2%}, {min(signs_right):.2%}"],
+        ["seconds per log without identification, median and maximum", f"{np.median(seconds):.1f}, {max(seconds):.0f}"],
     ]
     return markdown([f"{len(rows)} cases", ""], lines)
 

@@ -1,7 +1,7 @@
-"""Robot logs in which a physical effect is hidden, to score a discrepancy finder; shares no code with bayesid.
+"""Robot logs with hidden physical effects, to score model discrepancies; shares no code with bayesid.
 
-Rigid bodies are MuJoCo's; all else is written here from the textbooks. Efforts are what the actuators must give, so
-that friction has the sign of the speed. Magnitudes follow from the size that is asked for.
+Rigid bodies are computed by MuJoCo, everything else here from textbooks. Efforts are those of the actuators, so
+friction has the sign of the speed. Magnitudes of effects follow from their requested size.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 KR5 = Path(str(files("bayesid.robot") / "robots" / "kr5-paper.toml"))
 GRAVITY = np.array([0.0, 0.0, -9.81])
-RATE, SAMPLES, BEFORE = 100, 2400, 100  # Hz; samples of a log, and those before it that a delayed effort needs
+RATE, SAMPLES, BEFORE = 100, 2400, 100  # Hz; samples of a log; samples before it, for delayed efforts
 DURATION = SAMPLES / RATE
 RIGID, STANDARD = "rigid_body", "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
 FILES = ("baseline.csv", "holdout.csv", "log.csv", "robot.toml", "terms.txt")
 TOLERANCE = 0.01  # of the size
 NOISE = 0.01, 0.03  # of each joint's RMS effort in the baseline
-SHOWN = 0.3  # of the size, in the hold-out log, if that can be had
+SHOWN = 0.3  # least size in the hold-out log over that in the log, if possible
 
 EFFECTS = (
     "viscous_friction",
@@ -61,7 +61,7 @@ OUTSIDE_FORMS = ("tanh", "coupling", "velocity_product", "remote_friction", "gau
 
 
 def stream(seed, number):
-    """Draws of one kind, so that what is drawn for one purpose leaves the others alone."""
+    """Random numbers for one purpose, independent of those for others."""
     return np.random.default_rng([seed, number])
 
 
@@ -92,12 +92,12 @@ def dh_matrices(row, q):
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def combined(one, other):
+def combined(first, second):
     """Two bodies as one (Steiner)."""
-    mass = one.mass + other.mass
-    centre = (one.mass * one.centre + other.mass * other.centre) / mass
+    mass = first.mass + second.mass
+    centre = (first.mass * first.centre + second.mass * second.centre) / mass
     inertia = np.zeros((3, 3))
-    for body in (one, other):
+    for body in (first, second):
         r = body.centre - centre
         inertia = inertia + body.inertia + body.mass * (r @ r * np.eye(3) - np.outer(r, r))
     return Body(mass, centre, inertia)
@@ -114,7 +114,7 @@ def numbers(values):
 
 @dataclass(frozen=True)
 class Robot:
-    """DH table, links, and what a healthy joint adds to the rigid bodies: fv dq + fc sign(dq) + offset + ia ddq.
+    """DH table, links, and the efforts of healthy joints: fv dq + fc sign(dq) + offset + ia ddq.
 
     Stribeck friction adds fc bump exp(-(dq / bump_speed)^2) sign(dq).
     """
@@ -168,7 +168,7 @@ class Robot:
 
 
 def random_row(rng, parallel, last):
-    """One joint's DH row; parallel axes lie apart."""
+    """A DH row; parallel axes have a distance."""
     if parallel:
         alpha = 0.0
     elif rng.random() < 0.75:
@@ -222,7 +222,7 @@ def bare_robot(rng, kind):
 
 
 def with_joints(rng, robot, play):
-    """The robot with friction, offsets and rotors to the measure of its efforts in a motion."""
+    """The robot with friction, offsets and rotors, in proportion to its efforts in a motion."""
     scale, n = rms(play.rigid), robot.n
     share = rng.uniform(0.3, 0.7, n)
     speed = rms(play.dq)
@@ -234,14 +234,14 @@ def with_joints(rng, robot, play):
     return replace(robot, viscous=viscous, coulomb=coulomb, offset=offset, rotor=rotor)
 
 
-# --- Trouble that is no effect ---------------------------------------------------------------------------------------
+# --- Errors of model and noise that all logs share --------------------------------------------------------------------
 class Trouble(NamedTuple):
-    """What is wrong in all three logs alike, and nothing to be found: the model, or the noise.
+    """Errors of the model or the noise that all three logs share; none is a hidden effect.
 
-    sd by which a and d (length, m) and alpha and theta (angle, rad) are off the table; the noise's correlation from
-    sample to sample (memory); a low-pass that efforts went through before their signs were lost (cutoff, Hz; 0: none);
-    readings of so many bits, from minus the joint's largest healthy effort to plus, in place of noise (bits; 0: none);
-    static friction over Coulomb friction, less one (stribeck), to be seen in slow parts.
+    length, angle: sd of the errors of a and d, m, and of alpha and theta, rad, in the table. memory: AR(1) coefficient
+    of the noise. cutoff: low-pass of the efforts before rectification, Hz; 0 for none. bits: of the readings, from
+    minus to plus the joint's largest healthy effort, in place of noise; 0 for none. stribeck: static over Coulomb
+    friction, minus one; the log then has slow parts.
     """
 
     length: float = 0.0
@@ -255,15 +255,15 @@ class Trouble(NamedTuple):
 NO_TROUBLE = Trouble()
 
 
-def built_off(table, trouble, rng):
-    """The table of a robot that was not built quite as told."""
+def wrong_table(table, trouble, rng):
+    """The true table of a robot whose stated table has errors."""
     sd = {"a": trouble.length, "alpha": trouble.angle, "d": trouble.length, "theta": trouble.angle}
     joints = [{key: row[key] + step * rng.standard_normal() for key, step in sd.items()} for row in table["joints"]]
     return {**table, "joints": joints}
 
 
 def noise_like(draws, memory):
-    """Independent draws (M, n) made stationary noise of the same sd that lasts from sample to sample."""
+    """AR(1) noise from independent draws (M, n), stationary and of the same sd."""
     steps = draws * np.sqrt(1.0 - memory**2)
     steps[0] = draws[0]
     return lfilter([1.0], [1.0, -memory], steps, axis=0)
@@ -315,7 +315,7 @@ def product(e, f):
 
 
 def random_series(rng, n, slow):
-    """Joints stay within 2 rad, peak speeds are 1 to 2.5 rad/s where that allows."""
+    """A random motion within 2 rad, with peak speeds of 1 to 2.5 rad/s where the range allows."""
     frequency = np.arange(1, 6) / rng.uniform(8, 12) * np.ones((n, 1))
     if rng.random() < 0.5:
         frequency = frequency * (1 + 0.15 * rng.uniform(-1, 1, (n, 5)))
@@ -334,7 +334,7 @@ def times():
 
 
 class Play:
-    """A robot in a motion, from BEFORE samples ahead of the log."""
+    """A robot in a motion that begins BEFORE samples ahead of the log."""
 
     def __init__(self, robot, series):
         self.robot, self.t = robot, times()
@@ -367,7 +367,7 @@ class Play:
         return self.rigid + friction + robot.offset + robot.rotor * self.ddq
 
     def under(self, robot):
-        """The same motion with another robot; the rigid bodies' efforts are kept."""
+        """The same motion with other joints; efforts of the rigid bodies are kept."""
         other = copy(self)
         other.robot = robot
         return other
@@ -376,9 +376,9 @@ class Play:
 # --- Effects ---------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Draft:
-    """An effect drawn but for its magnitude; act(play, efforts, magnitude) gives the efforts with it.
+    """An effect without magnitude; act(play, efforts, magnitude) returns the efforts with it.
 
-    A limit makes the magnitude one to search for, below that limit; otherwise the effect is proportional to it.
+    Without a limit the effect is proportional to the magnitude; otherwise the magnitude is searched below the limit.
     """
 
     joint: int | None
@@ -454,7 +454,7 @@ def rotor_inertia(rng, play, j):
 
 
 def within(rng, play, j, low, high):
-    """A position that the joint has passed in this share of the samples."""
+    """A random quantile of the joint's positions, from `low` to `high`."""
     return float(np.quantile(play.q[BEFORE:, j], rng.uniform(low, high)))
 
 
@@ -503,7 +503,7 @@ def stop_operator(q, width):
 
 
 def dahl(q, width):
-    """Exact for a motion that does not turn within a sample: dz/dq = (1 - z sign(dq)) / width."""
+    """dz/dq = (1 - z sign(dq)) / width; exact for motions without reversal within a sample."""
     steps, z, out = (np.diff(q, prepend=q[0]) / width).tolist(), 0.0, []
     decay = np.exp(-np.abs(steps)).tolist()
     for step, share in zip(steps, decay, strict=True):
@@ -546,7 +546,7 @@ def hysteresis(rng, play, j):
 
 
 def payload(rng, play, j):
-    """The magnitude is the mass; body and inertia grow with it."""
+    """The magnitude is the mass; the inertia is proportional to it."""
     direction = rng.normal(size=3)
     centre = rng.uniform(0.03, 0.12) * direction / np.linalg.norm(direction)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -567,8 +567,8 @@ def base_tilt(rng, play, j):
     axis = np.array([np.cos(heading), np.sin(heading), 0.0])
 
     def act(p, efforts, angle):
-        turned = np.cos(angle) * GRAVITY + np.sin(angle) * np.cross(axis, GRAVITY)
-        return efforts + p.weights @ (turned - GRAVITY)
+        tilted = np.cos(angle) * GRAVITY + np.sin(angle) * np.cross(axis, GRAVITY)
+        return efforts + p.weights @ (tilted - GRAVITY)
 
     return Draft(None, {"heading": heading}, act, 1.0)
 
@@ -644,7 +644,7 @@ def tool_wrench(rng, play, j):
 
 
 def clipping(rng, play, j):
-    """The magnitude is how far the limit lies below the healthy robot's peak."""
+    """The magnitude is the distance of the limit below 1.5 times the healthy robot's peak."""
     peak = 1.5 * float(np.abs(play.healthy()[BEFORE:, j]).max())
 
     def act(p, efforts, depth):
@@ -688,7 +688,7 @@ def remote_friction(rng, play, j, k):
 
 
 def gaussian_process(rng, play, j, k):
-    """A draw over position and speed by random Fourier features."""
+    """A random function of position and speed, by random Fourier features."""
     waves, phases = rng.normal(size=(2, 80)) / [[0.3], [0.5]], rng.uniform(0, 2 * np.pi, 80)
     return {}, lambda p: np.cos(np.outer(p.q[:, j], waves[0]) + np.outer(p.dq[:, j], waves[1]) + phases).sum(axis=1)
 
@@ -720,18 +720,18 @@ def outside(rng, play, j):
 
 
 DRAFTS = {name: globals()[name] for name in (*EFFECTS, OUTSIDE)}
-READERS = ("clipping", "dead_zone")  # of the sensor, which may act on the noise as well
-ORDER = ("delay", "gain_error", *READERS)  # on the sum of all torques, in this order
+READERS = ("clipping", "dead_zone")  # errors of the sensor, which may act on the noise as well
+ORDER = ("delay", "gain_error", *READERS)  # effects on the sum of all torques, in this order
 
 
 # --- Size ------------------------------------------------------------------------------------------------------------
 def ratio_of(with_, without, sd):
-    """RMS of an effect over the noise on the joint where it shows most."""
+    """RMS of an effect over the noise, for the joint where this is largest."""
     return float(np.max(rms((with_ - without)[BEFORE:]) / sd))
 
 
 def magnitude_for(draft, play, efforts, sd, size):
-    """Magnitude that gives the size; None if none does."""
+    """Magnitude that gives the size; None if there is none."""
 
     def ratio(x):
         return ratio_of(draft.act(play, efforts, x), efforts, sd)
@@ -761,7 +761,7 @@ class Hidden:
 
 
 def sized(name, draft, plays, efforts, sd, size):
-    """The effect at this size in the first of the plays; None if it cannot be had."""
+    """The effect at this size in the first of the plays; None if that is not possible."""
     x = magnitude_for(draft, plays[0], efforts[0], sd, size)
     if x is None:
         return None
@@ -770,9 +770,9 @@ def sized(name, draft, plays, efforts, sd, size):
 
 
 def hide(name, rng, plays, efforts, sd, size, joint):
-    """The effect at this size, on the joint if it can be had there and shows in the hold-out log too.
+    """The effect at this size, in the joint if it is possible there and shows in the hold-out log too.
 
-    The plays and the efforts so far are those of the log and the hold-out log.
+    `plays` and `efforts` are those of the log and the hold-out log.
     """
     for attempt in range(100):
         j = joint if attempt < 20 else int(rng.integers(plays[0].robot.n))
@@ -785,10 +785,10 @@ def hide(name, rng, plays, efforts, sd, size, joint):
 # --- Cases -----------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Truth:
-    """What a case hides; written to another folder than the case.
+    """The truth of a case; written to another folder than the case.
 
-    Joints, from 1, are one tuple an effect, () if it is the whole robot's. The efforts are as measured, with noise,
-    before the sign was lost. The floor (n,) is the RMS error that noise alone leaves on the hold-out log's efforts.
+    Joints, from 1: one tuple per effect, () for the whole robot. Efforts are signed and include noise. The floor (n,)
+    is the RMS error of the hold-out log's efforts due to noise alone.
     """
 
     effects: tuple[str, ...]
@@ -829,7 +829,7 @@ def read_truth(path):
 
 @dataclass(frozen=True)
 class Log:
-    """A log's motion, its efforts (N, n) without noise, and as measured but for the lost signs."""
+    """A log's motion, and its signed efforts (N, n) without and with noise."""
 
     t: np.ndarray
     q: np.ndarray
@@ -856,13 +856,13 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Scene:
-    """A robot's three motions, before anything is hidden: of the baseline, the log and the hold-out log.
+    """A robot's three motions without hidden effects: of the baseline, the log and the hold-out log.
 
-    Told is the robot with the table that is told; the steps (n,) are those of the readings, 0 without.
+    `stated` is the robot with its stated table; `steps` (n,) are those of quantised readings, or 0.
     """
 
     seed: int
-    told: Robot
+    stated: Robot
     plays: tuple[Play, Play, Play]
     noise: np.ndarray
     steps: np.ndarray
@@ -875,17 +875,17 @@ class Scene:
 
 
 def drawn_scene(seed, robot=None, style=None, slow=None, slow_baseline=None, trouble=NO_TROUBLE, noise=NOISE):
-    """Robot, motions and noise; robot is "kr5" or "random", style "bare" or "standard", all drawn unless told.
+    """Robot, motions and noise; robot is "kr5" or "random", style "bare" or "standard"; None for a random choice.
 
-    Slow parts are those of the log and the hold-out log. The table is the one that is told, whatever the trouble.
+    `slow`: whether log and hold-out log have slow parts.
     """
     rng = stream(seed, 0)
     drawn = "kr5" if rng.random() < 0.4 else "random", "standard" if rng.random() < 0.5 else "bare", rng.random() < 0.2
     robot, style, slow = (d if x is None else x for x, d in zip((robot, style, slow), drawn, strict=True))
     drawn_baseline = rng.random() < 0.2
     slow_baseline = drawn_baseline if slow_baseline is None else slow_baseline
-    told = bare_robot(rng, robot)
-    arm = replace(told, table=built_off(told.table, trouble, stream(seed, 11)), bump=trouble.stribeck)
+    stated = bare_robot(rng, robot)
+    arm = replace(stated, table=wrong_table(stated.table, trouble, stream(seed, 11)), bump=trouble.stribeck)
     series = [random_series(stream(seed, 1 + i), arm.n, x) for i, x in enumerate((slow_baseline, slow, slow))]
     plays = [Play(arm, s) for s in series]
     if style == "standard":
@@ -896,11 +896,11 @@ def drawn_scene(seed, robot=None, style=None, slow=None, slow_baseline=None, tro
     steps = 2 * peaks / 2**trouble.bits if trouble.bits else np.zeros(arm.n)
     sd = steps / np.sqrt(12) if trouble.bits else sd
     parameters = {"robot": robot, "style": style, "slow": bool(slow)}
-    return Scene(seed, told, tuple(plays), sd, steps, trouble, parameters)
+    return Scene(seed, stated, tuple(plays), sd, steps, trouble, parameters)
 
 
 def played(scene, number, hidden, noise_first):
-    """The log of one of the scene's motions with what is hidden in it."""
+    """The log of one of the scene's motions with its hidden effects."""
     play, trouble = scene.plays[number], scene.trouble
     efforts = play.healthy()
     noise = scene.noise * noise_like(
@@ -927,11 +927,11 @@ def simulation(scene, in_log, in_holdout):
         h.draft.parameters | {"magnitude": h.magnitude, "holdout_size": h.holdout_size} for h in effects
     ]
     terms = STANDARD if parameters["style"] == "standard" else RIGID
-    return Simulation(scene.robot, scene.told.table, terms, *logs, scene.noise, effects, parameters, scene.plays)
+    return Simulation(scene.robot, scene.stated.table, terms, *logs, scene.noise, effects, parameters, scene.plays)
 
 
 def first_torques(names):
-    """Torques before what is done to their sum, in the order of ORDER."""
+    """Torques first, then the effects on their sum in the order of ORDER."""
     return sorted(names, key=lambda name: ORDER.index(name) + 1 if name in ORDER else 0)
 
 
@@ -959,7 +959,7 @@ def simulate(seed, effect, size, robot=None, style=None, slow=None, trouble=NO_T
 
 
 def write_log(path, log):
-    """Efforts without sign; widths do not depend on the values of the efforts."""
+    """Writes efforts without sign; column widths do not depend on the values."""
     n = log.q.shape[1]
     header = ",".join(["t", *(f"q{i + 1}" for i in range(n)), *(f"tau{i + 1}" for i in range(n))])
     line = ",".join(["%.2f", *["%.15f"] * n, *["%.9e"] * n]) + "\n"
@@ -968,7 +968,7 @@ def write_log(path, log):
 
 
 def truth_of(case, size):
-    """What a simulated case hides."""
+    """The truth of a simulated case."""
     names = tuple(h.name for h in case.hidden)
     joints = tuple(() if h.draft.joint is None else (h.draft.joint + 1,) for h in case.hidden)
     floor = rms(np.abs(case.holdout.measured) - np.abs(case.holdout.clean))
@@ -987,7 +987,7 @@ def write_case(folder, case):
 
 
 def make_case(folder, seed, effect, size, robot=None, style=None, slow=None, trouble=NO_TROUBLE):
-    """Write FILES into the folder and return what they hide; an effect is a name, two names, "outside" or None."""
+    """Write FILES into the folder and return the truth; an effect is a name, two names, "outside" or None."""
     case = simulate(seed, effect, size, robot, style, slow, trouble)
     write_case(folder, case)
     return truth_of(case, size)
@@ -1005,14 +1005,14 @@ class Case(NamedTuple):
 
 
 def shares(trials):
-    """Numbers of single effects, pairs, none and outside; each at least one of eight trials."""
-    wanted = np.array([220, 25, 30, 25]) * trials / 300
-    counts = np.floor(wanted).astype(int)
+    """Numbers of cases with a single effect, a pair, none, and one outside; at least one each from eight trials."""
+    exact = np.array([220, 25, 30, 25]) * trials / 300
+    counts = np.floor(exact).astype(int)
     if trials >= 8:
         counts = np.maximum(counts, 1)
     while counts.sum() != trials:
         step = 1 if counts.sum() < trials else -1
-        counts[np.argmax(step * (wanted - counts))] += step
+        counts[np.argmax(step * (exact - counts))] += step
     return counts.tolist()
 
 
@@ -1022,7 +1022,7 @@ def log_uniform(rng, low, high, count):
 
 
 def turns(rng, count):
-    """Effects in random order, none again before all have been."""
+    """Effects in random order, each again only after all others."""
     return [str(x) for _ in range(-(-count // len(EFFECTS))) for x in rng.permutation(EFFECTS)][:count]
 
 
@@ -1041,7 +1041,7 @@ def single_sizes(rng, names):
 
 
 def arms(effects):
-    """(robot, style) for each, in turn for each effect: two of five are the KR5, one of two is bare."""
+    """(robot, style) for each, in turn for each effect: two of five are a KR5, one of two is bare."""
     seen, found = {}, []
     for effect in effects:
         kind = "pair" if isinstance(effect, tuple) else effect

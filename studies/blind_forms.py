@@ -1,6 +1,6 @@
-"""Forms of a joint's torque that no catalogue of effects holds, with the variables that each depends on.
+"""Torques of a joint that are outside of the catalogue, with the variables of each.
 
-A form is drawn for a joint j and another joint k; its shape (M,) over a play of `bayesid.studies.blind` has no scale.
+A form is drawn for a joint j and another joint k; its shape (M,) over a `Play` of `bayesid.studies.blind` has no scale.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bayesid.studies.blind import BEFORE, DURATION, OUTSIDE_SHAPES, Draft, eithe
 
 
 class Form(NamedTuple):
-    """Variables, as "q{j}", "dq{k}" or "t"; parameters and shape by (rng, play, j, k); whether its sign is fixed."""
+    """Variables such as "q{j}" or "t"; parameters and shape from (rng, play, j, k); whether its sign is fixed."""
 
     variables: tuple[str, ...]
     draw: Callable
@@ -22,12 +22,12 @@ class Form(NamedTuple):
 
 
 def phase_of(rng):
-    """Anywhere on the circle."""
+    """A random phase."""
     return float(rng.uniform(0, 2 * np.pi))
 
 
 def worn_region(rng, play, j, k):
-    """Friction where the gear is worn, or has been hit."""
+    """Friction where the gear is worn or damaged."""
     centre, width = within(rng, play, j, 0.2, 0.8), float(rng.uniform(0.15, 0.4))
     return (
         {"centre": centre, "width": width},
@@ -41,30 +41,30 @@ def quadratic_drag(rng, play, j, k):
 
 
 def cubic_drag(rng, play, j, k):
-    """Drag that rises faster than that of a fluid."""
+    """Drag that grows with the cube of the speed."""
     return {}, lambda p: p.dq[:, j] ** 3
 
 
 def eccentric_gear(rng, play, j, k):
-    """Viscous friction that comes and goes twice a turn."""
+    """Viscous friction that varies twice per turn."""
     phase = phase_of(rng)
     return {"phase": phase}, lambda p: (1 + np.sin(2 * p.q[:, j] + phase)) * p.dq[:, j]
 
 
 def detent(rng, play, j, k):
-    """Two poles a turn: too slow for a ripple, not gravity's."""
+    """Detent torque of two poles per turn: slower than a ripple, not gravity."""
     phase = phase_of(rng)
     return {"phase": phase}, lambda p: np.cos(2 * p.q[:, j] + phase)
 
 
 def crossed_detent(rng, play, j, k):
-    """Magnets on two links that pass each other."""
+    """Torque between magnets on two links."""
     phase = phase_of(rng)
     return {"phase": phase}, lambda p: np.sin(3 * p.q[:, k] + phase) * np.cos(2 * p.q[:, j])
 
 
 def friction_by_other_speed(rng, play, j, k):
-    """A common bearing or gear that the other joint's speed presses upon."""
+    """Friction in a common bearing or gear that is loaded by the other joint's speed."""
     return {}, lambda p: np.abs(p.dq[:, k]) * np.sign(p.dq[:, j])
 
 
@@ -82,20 +82,20 @@ def loaded_drag(rng, play, j, k):
 
 
 def slow_wave(rng, play, j, k):
-    """A disturbance from outside, slow in time."""
+    """A slow external disturbance."""
     frequency, phase = float(rng.uniform(0.05, 0.3)), phase_of(rng)
     return {"frequency": frequency, "phase": phase}, lambda p: np.sin(2 * np.pi * frequency * p.t + phase)
 
 
 def beat(rng, play, j, k):
-    """Two frequencies of a drive that lie close together."""
+    """Two close frequencies of a drive."""
     frequency, apart = float(rng.uniform(0.5, 2.0)), float(rng.uniform(0.05, 0.15))
     first, second = 2 * np.pi * (frequency + np.array([-apart, apart]))
     return {"frequency": frequency, "apart": apart}, lambda p: np.sin(first * p.t) + np.sin(second * p.t)
 
 
 def hose(rng, play, j, k):
-    """A hose past both joints, stiffer the more they bend it together."""
+    """A hose past both joints, stiffer the more they bend it."""
     rest = float(np.median(play.q[BEFORE:, j] + play.q[BEFORE:, k]))
 
     def shape(p):
@@ -106,24 +106,24 @@ def hose(rng, play, j, k):
 
 
 def cable_past_other(rng, play, j, k):
-    """A cable that the other joint pulls taut: it then holds this one back towards its middle."""
+    """A cable that the other joint tightens: it then pulls this joint towards its middle."""
     taut, middle = within(rng, play, k, 0.3, 0.6), within(rng, play, j, 0.3, 0.7)
     shape = {"taut": taut, "middle": middle}
     return shape, lambda p: np.maximum(0.0, p.q[:, k] - taut) * np.sin(p.q[:, j] - middle)
 
 
 def wind_of_other(rng, play, j, k):
-    """Drag of a part that the other joint swings past."""
+    """Drag of a part that the other joint moves."""
     return {}, lambda p: p.dq[:, k] * np.abs(p.dq[:, k])
 
 
 def accelerating_only(rng, play, j, k):
-    """A drive that gives more one way than the other when it accelerates."""
+    """A drive with more torque in one direction when it accelerates."""
     return {}, lambda p: np.abs(p.ddq[:, j])
 
 
 def slipped_once(rng, play, j, k):
-    """A cable that caught and slipped: a torque that grows, and is gone at once."""
+    """A cable that catches and slips: a torque that grows and then vanishes."""
     start, length = float(rng.uniform(0.1, 0.5)) * DURATION, float(rng.uniform(0.1, 0.3)) * DURATION
     shape = {"start": start, "length": length}
     return shape, lambda p: np.where((p.t >= start) & (p.t < start + length), (p.t - start) / length, 0.0)
@@ -155,13 +155,13 @@ FRESH = {
     "accelerating_only": Form(("ddq{j}",), accelerating_only),
 }
 FORMS = OLD | FRESH
-"""What is hidden as "outside"."""
+"""Forms of the hidden effect "outside"."""
 ONCE = FORMS | {"slipped_once": Form(("t",), slipped_once)}
-"""What is hidden in one of the logs only."""
+"""Forms that are hidden in one log only."""
 
 
 def draft_of(form, rng, play, j) -> Draft:
-    """A form drawn for joint j, counted from 0, and another joint; its variables, counted from 1, in its parameters."""
+    """A form drawn for joint j (from 0) and another joint; its parameters list its variables, counted from 1."""
     k = (j + int(rng.integers(1, play.robot.n))) % play.robot.n
     variables, draw, fixed = ONCE[form]
     parameters, shape = draw(rng, play, j, k)

@@ -1,10 +1,10 @@
-"""Is the missing effect named? Blind cases of `bayesid.studies.blind`, a generator that shares no code with bayesid.
+"""Is the missing effect named? Logs of `bayesid.studies.blind`, a generator that shares no code with bayesid.
 
-A healthy robot's log gives the model; another log of the robot, with an effect hidden in it, and a third one to score
-by are compared with it. Signs are hidden in all three. Printed: what was named first against what was hidden, by size
-(RMS of the effect over that of the noise); false alarms; pairs; effects from outside the catalogue; gaps; signs; time.
+The model is identified from the log of a healthy robot. A second log has a hidden effect, a third one is the holdout.
+Signs are hidden in all three. The report gives the effect named first by hidden effect and size (RMS of the effect over
+that of the noise), false effects, pairs, effects outside of the catalogue, gaps, signs and times.
 
-The plan is balanced for the number of trials: other than elsewhere, `--resume` needs the same number.
+The plan is balanced for the number of trials: unlike elsewhere, `--resume` needs the same number.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ if TYPE_CHECKING:
     from bayesid.studies.figures import Figure
 
 _Added = tuple[str, Sequence[int], Sequence[str]]
-"""Effect, joints and equivalents of what was added."""
+"""Effect, joints and equivalents of an added effect."""
 CLEAR = 3.0
-"""Size from which on an effect is expected to be named."""
+"""Size from which an effect is expected to be named. Chosen; not measured."""
 SIZES = (0.5, 1.0, 2.0, 3.0, 5.0, 10.01)
 """Edges of the size classes."""
 
 
 def generator(study: str = "discrepancy") -> ModuleType:
-    """The blind generator, `bayesid.studies.blind`.
+    """The generator `bayesid.studies.blind`.
 
     Args:
-        study: that needs it.
+        study: name of the calling study, for the message.
 
     Raises:
-        InputError: MuJoCo, which plays the robot, is not installed.
+        InputError: MuJoCo is not installed.
     """
     try:
         return import_module("bayesid.studies.blind")
@@ -60,19 +60,19 @@ def generator(study: str = "discrepancy") -> ModuleType:
 
 
 LEARNED = "learned_effect"
-"""What is added where no member of the catalogue explains a joint."""
+"""Name of the effect that is added where the catalogue does not explain a joint."""
 KINEMATIC = ("kinematic_error", "joint_zero", "link_length", "link_offset", "link_twist")
-"""What a number of the robot's table that is off may be named."""
+"""Right names of a wrong number in the robot's table."""
 _RIGHT_NAMES = {"outside": (LEARNED,), "kinematic_error": KINEMATIC}
-"""Of what is hidden and goes by other names where it is found."""
+"""Hidden effects to their right names, where these differ."""
 
 TROUBLES: Mapping[str, tuple[float, ...]] = {
     "none": (),
-    "table off by 5 mm and 0.5 degrees": (5e-3, float(np.deg2rad(0.5))),
+    "table wrong by 5 mm and 0.5 degrees": (5e-3, float(np.deg2rad(0.5))),
     "noise AR(1) 0.97": (0.0, 0.0, 0.97),
     "low-passed at 8 Hz": (0.0, 0.0, 0.0, 8.0),
 }
-"""What is wrong in all three logs alike and is no effect: numbers of the generator's `Trouble`."""
+"""Errors of model or noise that all three logs share: numbers of the generator's `Trouble`."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Scenario:
         effect: hidden effect, two joined by +, "outside", or empty for none.
         size: RMS of the effect over that of the noise.
         robot: the arm.
-        style: friction of its own, or none.
+        style: "standard" with friction, "bare" without.
         trouble: a key of `TROUBLES`.
     """
 
@@ -95,7 +95,7 @@ class Scenario:
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
-    """Effects, pairs, nothing and effects from outside, balanced, in random order."""
+    """Single effects, pairs, no effect, and effects outside of the catalogue; balanced, in random order."""
     return [
         (Scenario("+".join(_effects(case.effect)), case.size, case.robot, case.style), case.seed)
         for case in generator().plan(trials, seed)
@@ -103,7 +103,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
-    """One blind case: identifies the healthy robot, finds the discrepancy, and only then looks at the truth."""
+    """Identifies the healthy robot, finds the discrepancy, and scores it."""
     blind = generator()
     effects = scenario.effect.split("+") if scenario.effect else [None]
     with tempfile.TemporaryDirectory() as place:
@@ -117,10 +117,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
 
 
 def compared(folder: Path) -> tuple[Discrepancy, dict[str, float]]:
-    """What is found in the files of a case, and seconds of the comparison.
-
-    Those are of wall time ("discrepancy"), and of processors, of its own processes too ("cpu").
-    """
+    """The discrepancy found in a case, and its seconds: wall time ("discrepancy") and processor time ("cpu")."""
     named = (folder / "terms.txt").read_text().strip().split(",")
     search = Certified()
     healthy = identify(
@@ -137,7 +134,7 @@ def _effects(effect: str | tuple[str, str] | None) -> tuple[str, ...]:
 
 
 def score(result: Discrepancy, truth: Any) -> Row:
-    """What was named against what was hidden."""
+    """Scores the named effects against the hidden ones."""
     named = [(effect.effect, effect.joints, effect.equivalent) for effect in result.added]
     hidden = list(zip(truth.effects, truth.joints, strict=True))
     strong = np.abs(truth.log_efforts) >= STRONG * np.abs(truth.log_efforts).max(axis=0)
@@ -161,7 +158,7 @@ def score(result: Discrepancy, truth: Any) -> Row:
 
 
 def _passed(result: Discrepancy) -> list[tuple[str, tuple[int, ...], tuple[str, ...], float]]:
-    """Effect, joints, equivalents and log10 Bayes factor of what passed by its evidence, before the holdout."""
+    """Effect, joints, equivalents and log10 Bayes factor of effects with decisive evidence, before the holdout."""
     passed = (*result.added, *result.refused)
     decisive = [effect for effect in passed if effect.gain / LN10 > result.thresholds.log10_bayes_factor]
     return [(effect.effect, effect.joints, effect.equivalent, effect.gain / LN10) for effect in decisive]
@@ -172,12 +169,12 @@ def _names(added: _Added, effect: str) -> bool:
 
 
 def is_right(added: _Added, effect: str, joints: Sequence[int]) -> bool:
-    """Whether what was added is this effect, or cannot be told from it, and is in its joints.
+    """Whether an added effect is the hidden one, or equivalent to it, in its joints.
 
     Args:
         added: effect, joints and equivalents.
-        effect: that is hidden, and
-        joints: in which it is; a table that is off shows in all, wherever it is said to be.
+        effect: hidden effect.
+        joints: of the hidden effect; ignored for a wrong table, which affects all joints.
     """
     return _names(added, effect) and (effect in KINEMATIC or list(added[1]) == list(joints))
 
@@ -195,46 +192,46 @@ def report(rows: Sequence[Row]) -> str:
     jointed = [row for row in clear if row["hidden"][0][1] and row["first"]]
     lines += [
         "",
-        f"named first (or its class), size >= {CLEAR:g}:      {share(clear, 'first')}",
-        f"joint right, of those that have one:     {share(jointed, 'joint')}",
-        f"nothing hidden, something named:         {count(kinds['none'], lambda row: bool(row['named']))}",
-        f"outside: unexplained, with the joint:    {count(kinds['outside'], outside_right)}",
-        f"outside: something named all the same:   {count(kinds['outside'], lambda row: bool(row['named']))}",
+        f"named first (or equivalent), size >= {CLEAR:g}:    {share(clear, 'first')}",
+        f"of these in one joint: joint right:      {share(jointed, 'joint')}",
+        f"no hidden effect, but one named:         {count(kinds['none'], lambda row: bool(row['named']))}",
+        f"outside: unexplained, right joint:       {count(kinds['outside'], outside_right)}",
+        f"outside: an effect named:                {count(kinds['outside'], lambda row: bool(row['named']))}",
         f"two effects, both found in their joints: {share(kinds['pairs'], 'all')}",
         false_before_holdout(rows),
     ]
-    mended = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
-    for name, chosen in (("all sizes", mended), (f"size >= {CLEAR:g}", [r for r in mended if r["size"] >= CLEAR])):
+    known = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
+    for name, chosen in (("all sizes", known), (f"size >= {CLEAR:g}", [r for r in known if r["size"] >= CLEAR])):
         if chosen:
             after, before = ([row[key] for row in chosen] for key in ("after", "before"))
             lines.append(
-                f"holdout gap over the true floor, {name}: median {np.median(before):.2f} before, "
+                f"holdout gap over the noise floor, {name}: median {np.median(before):.2f} before, "
                 f"{np.median(after):.3f} after (90 % quantile {np.quantile(after, 0.9):.3f})"
             )
     signs, seconds = [row["signs"] for row in rows], [row["timings"]["discrepancy"] for row in rows]
-    lines.append(f"signs right: mean {np.mean(signs):.3%}, median {np.median(signs):.3%}, least {min(signs):.2%}")
-    lines.append(f"seconds a log: median {np.median(seconds):.1f}, most {max(seconds):.1f}")
+    percent = [f"{100 * value:.3f} %" for value in (np.mean(signs), np.median(signs), min(signs))]
+    lines.append(f"signs right: mean {percent[0]}, median {percent[1]}, minimum {percent[2]}")
+    lines.append(f"seconds per log: median {np.median(seconds):.1f}, maximum {max(seconds):.1f}")
     return "\n".join(lines)
 
 
 def decoded(rows: Sequence[Row]) -> list[Row]:
-    """Rows with what was hidden and named as lists again: a column of a table cannot mix texts and numbers."""
+    """Rows with hidden and named effects as lists, which columns of a table cannot hold."""
     return [{**row, **{name: json.loads(row[name]) for name in ("hidden", "named", "passed")}} for row in rows]
 
 
 def false_before_holdout(rows: Sequence[Row]) -> str:
-    """How many of the effects that pass by their evidence are not hidden in their joints, nor equivalent to what is.
+    """Share of false effects among those with decisive evidence, before the holdout.
 
-    Without the logs with effects from outside of the catalogue: there is no right name.
+    Logs with effects outside of the catalogue are left out: these have no right name.
     """
     known = [row for row in rows if not row["hidden"] or row["hidden"][0][0] != "outside"]
     false = [wrong for row in known for _, wrong in weighed(row)]
-    share_of = f"{sum(false)} of {len(false)} ({sum(false) / max(len(false), 1):.1%})"
-    return f"of the effects that pass log10 BF 2, false before the holdout is asked: {share_of}"
+    return f"effects with log10 BF >= 2, false before the holdout: {count(false, bool)}"
 
 
 def weighed(row: Row) -> list[tuple[float, bool]]:
-    """Of what passes by its evidence before the holdout is asked: log10 Bayes factor, and whether it is false."""
+    """For each effect with decisive evidence, before the holdout: log10 Bayes factor, and whether it is false."""
     return [
         (gain, not any(is_right((name, joints, equivalent), *effect) for effect in row["hidden"]))
         for name, joints, equivalent, gain in row["passed"]
@@ -242,7 +239,7 @@ def weighed(row: Row) -> list[tuple[float, bool]]:
 
 
 def by_kind(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Rows of single effects, pairs, nothing and outside."""
+    """Rows of single effects, pairs, no effect, and effects outside of the catalogue."""
     kinds: dict[str, list[Row]] = {"single": [], "pairs": [], "none": [], "outside": []}
     for row in rows:
         if not row["hidden"]:
@@ -256,7 +253,7 @@ def by_kind(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 def _table_by_effect(rows: Sequence[Row]) -> list[str]:
     names = [f"[{low:g}, {high:.2g})" for low, high in pairwise(SIZES)]
-    lines = ["named first (or its class), of so many, by size over the noise floor"]
+    lines = ["named first (or equivalent), by size over the noise floor"]
     lines.append(f"{'hidden':<24} " + "  ".join(f"{name:>9}" for name in names))
     for effect in sorted({row["hidden"][0][0] for row in rows}):
         cells = []
@@ -271,28 +268,28 @@ def _confusion(rows: Sequence[Row]) -> list[str]:
     wrong = Counter(
         (row["hidden"][0][0], row["named"][0][0] if row["named"] else "nothing") for row in rows if not row["first"]
     )
-    lines = ["what was named first instead (and how often)"]
+    lines = ["first named effect where wrong (count)"]
     return [*lines, *(f"{hidden:<24} {named} ({count})" for (hidden, named), count in sorted(wrong.items()))]
 
 
 def outside_right(row: Row) -> bool:
-    """Whether an effect from outside is reported as unexplained, in its joint."""
+    """Whether an effect outside of the catalogue is reported as unexplained in its joint."""
     return row["hidden"][0][1][0] in row["unexplained"]
 
 
 def share(rows: Sequence[Row], key: str) -> str:
-    """How many rows have this."""
+    """Number and share of rows in which a value is true."""
     return count(rows, lambda row: row[key])
 
 
-def count(rows: Sequence[Row], holds: Callable[[Row], object]) -> str:
-    """How many rows this holds for."""
+def count(rows: Sequence[Any], holds: Callable[[Any], object]) -> str:
+    """Number and share of rows that satisfy a condition."""
     number = sum(bool(holds(row)) for row in rows)
-    return f"{number} of {len(rows)} ({number / max(len(rows), 1):.1%})"
+    return f"{number} of {len(rows)} ({100 * number / max(len(rows), 1):.1f} %)"
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """For each effect what was named at which size, and the size at which it is found half of the time."""
+    """Named and missed effects by size, and the size at which half are named."""
     from bayesid.studies.figures import COLOURS
 
     single = by_kind(decoded(rows))["single"]
@@ -310,16 +307,16 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     axes.set_xlim(0.4, 12.0)
     axes.set_xticks([0.5, 1.0, 2.0, 3.0, 5.0, 10.0], ["0.5", "1", "2", "3", "5", "10"])
     axes.set_yticks(range(len(effects)), effects)
-    axes.set_xlabel("RMS of the effect over the noise floor; bar: found half of the time")
+    axes.set_xlabel("RMS of the effect over the noise floor; bar: half are named")
     axes.legend(loc="upper right", fontsize=8)
 
 
 def half_power(size: Any, first: Any) -> float:
-    """The size that divides named from not named with the fewest mistakes; the least size if all were named."""
+    """The size that separates named from missed effects with the fewest errors; the smallest if all are named."""
     order = np.sort(size)
     cuts = np.concatenate([[order[0]], np.sqrt(order[1:] * order[:-1]), [order[-1] * 1.2]])
-    mistakes = [np.sum(first[size < cut]) + np.sum(~first[size >= cut]) for cut in cuts]
-    return float(cuts[int(np.argmin(mistakes))])
+    errors = [np.sum(first[size < cut]) + np.sum(~first[size >= cut]) for cut in cuts]
+    return float(cuts[int(np.argmin(errors))])
 
 
 STUDY = Study("discrepancy", 300, plan, trial, report, draw)

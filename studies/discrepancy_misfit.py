@@ -1,8 +1,7 @@
-"""Is what is named true where the model or the noise is wrong in all logs alike? With and without a hidden effect.
+"""Are false effects named where model or noise is wrong in all logs? With and without a hidden effect.
 
-Cases of `bayesid.studies.blind`. Half of the logs hide nothing: whatever is named in them is false. Printed: how many
-effects that pass by their evidence are false before the holdout is asked; what is named falsely after it was; how often
-nothing is said to be missing, and how far the holdout's gap is above the true floor then.
+Logs of `bayesid.studies.blind`. Half of the cases have no hidden effect: every named effect is false. The report gives
+false effects before and after the holdout, the share of `no_discrepancy`, and the holdout's gap over the noise floor.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ if TYPE_CHECKING:
     from bayesid.studies.figures import Figure
 
 _SIZES = (2.0, 5.0)
-"""RMS of a hidden effect over that of the noise: clear ones."""
+"""RMS of a hidden effect over that of the noise."""
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
-    """The kinds of trouble in turn, every other round with an effect."""
+    """The kinds of error in turn, every other round with a hidden effect."""
     rng, troubles, effects = np.random.default_rng(seed), list(TROUBLES), generator().EFFECTS
     drawn = []
     for k in range(trials):
@@ -46,7 +45,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
 
 
 def report(rows: Sequence[Row]) -> str:
-    """One line a kind of trouble, and all of them."""
+    """A paragraph per kind of error, and all of them."""
     rows = decoded(rows)
     lines = [f"{len(rows)} cases", ""]
     for name in TROUBLES:
@@ -56,16 +55,16 @@ def report(rows: Sequence[Row]) -> str:
         lines += [
             f"{name}:",
             f"  {false_before_holdout(of_kind)}",
-            f"  nothing hidden, something named: {count(nothing, lambda row: bool(row['named']))}",
-            f"  nothing hidden, no_discrepancy:  {count(nothing, lambda row: row['status'] == 'no_discrepancy')}"
-            + (f", holdout gap at most {max(silent):.2f} times the true floor" if silent else ""),
-            f"  hidden, named (or its class):    {share(hiding, 'all')}",
+            f"  no hidden effect, one named:      {count(nothing, lambda row: bool(row['named']))}",
+            f"  no hidden effect, no_discrepancy: {count(nothing, lambda row: row['status'] == 'no_discrepancy')}"
+            + (f", holdout gap at most {max(silent):.2f} times the noise floor" if silent else ""),
+            f"  hidden effect, named (or class):  {share(hiding, 'all')}",
         ]
     return "\n".join([*lines, "", f"all: {false_before_holdout(rows)}"])
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
-    """Bayes factors of what passes before the holdout is asked, right and false, by kind of trouble."""
+    """Bayes factors of right and false effects before the holdout, by kind of error."""
     from bayesid.studies.figures import COLOURS
 
     rows = decoded(rows)
@@ -73,12 +72,12 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
     axes = figure.subplots()
     for y, name in enumerate(TROUBLES):
         passed = [(gain, false) for row in rows if row["trouble"] == name for gain, false in weighed(row)]
-        for which, mark, said in ((False, "o", "right"), (True, "x", "false")):
+        for which, mark, text in ((False, "o", "right"), (True, "x", "false")):
             gains = [gain for gain, false in passed if false == which]
-            axes.plot(gains, np.full(len(gains), y), mark, color=COLOURS[int(which)], label=None if y else said)
+            axes.plot(gains, np.full(len(gains), y), mark, color=COLOURS[int(which)], label=None if y else text)
     axes.set_xscale("log")
     axes.set_yticks(range(len(TROUBLES)), list(TROUBLES))
-    axes.set_xlabel("log10 Bayes factor of what passes, before the holdout is asked")
+    axes.set_xlabel("log10 Bayes factor of effects with decisive evidence, before the holdout")
     axes.legend(loc="upper right", fontsize=8)
 
 

@@ -1,9 +1,9 @@
-"""Simulated logs with effects hidden in them, and the coefficients that are true of them: what `complete` identifies.
+"""Simulated logs with hidden effects, and their true coefficients, for `complete`, `calibration` and others.
 
-Robots, motions and effects are those of `bayesid.studies.blind`, a generator that shares no code with bayesid, in other
-sizes: relative to the effort of the joint, not to the noise. Joints have friction, offsets and rotors, as the standard
-terms say. The kinematics may be off the table that is given, the noise of several kinds, and there are robots and
-motions that say less (`bayesid.studies.stress`).
+Robots, motions and effects are those of `bayesid.studies.blind`, a generator that shares no code with bayesid. Sizes
+are relative to the joint's effort, not to the noise. Joints have friction, offsets and rotors as the standard terms.
+Kinematics may differ from the stated table, noise is of several kinds, and some robots and motions are less
+informative (`bayesid.studies.stress`).
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from bayesid.studies.readings import READINGS
 from bayesid.studies.stress import MOTIONS, PointToPoint, bare_robot, held, without_some
 
 SHARES = (0.2, 0.6)
-"""Between which the size of a hidden effect lies: its RMS over that of the healthy effort of the joint."""
+"""Range of the size of a hidden effect: its RMS over that of the joint's healthy effort."""
 DURATION = 24.0
 """s, of the generator's logs."""
 _SLOW = 0.2
 """Share of the motions with slow parts, as in the generator."""
 _NONE = 1e-9
-"""Share of a coefficient below which a parameter's is rounding."""
+"""Share of a coefficient below which the part of a parameter is rounding."""
 _VARYING: Mapping[str, tuple[str, ...]] = {
     "coulomb": ("Fc",),
     "viscous": ("Fv",),
@@ -42,30 +42,29 @@ _VARYING: Mapping[str, tuple[str, ...]] = {
     "offset_fading": ("offset",),
     "offset_growing": ("offset",),
 }
-"""What a thermal drift of each form changes during the log: these have no true value."""
+"""Parameters that a thermal drift of each form changes during the log: these have no true value."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """How a log is made, and which part of the study it belongs to.
+    """How a log is made.
 
     Attributes:
         part: of the study.
         name: of the kind of log within the part.
         robot: "kr5", "random", or another one of `stress.bare_robot`.
         effects: hidden ones, by their names in the catalogue.
-        joint: that the hidden effect is in, from 1; 0 draws it.
-        lag: between which a hidden delay lies, s; as large as any other effect if empty.
-        noise_range: between which its noise lies, relative to each joint's RMS effort.
+        joint: of the hidden effect, from 1; 0 for a random one.
+        lag: range of a hidden delay, s; if empty, as large as any other effect.
+        noise_range: range of the noise, relative to each joint's RMS effort.
         reading: a key of `READINGS`.
         motion: a key of `stress.MOTIONS`; the generator's own if empty.
-        joints: what each joint adds to the rigid bodies: "all" of it, "some" without rotor or viscous friction, or
-            "none".
-        terms: of the model that is asked for.
-        length: sd by which the robot's a and d are off its table, m, and
-        angle: its alpha and theta, rad; both are stated as the tolerance. The default one holds if they are zero,
-        exact: unless the table is stated to be exact, or
-        unstated: nobody knows of them.
+        joints: friction, offset and rotor: "all", "some" joints without rotor or viscous friction, or "none".
+        terms: of the identified model.
+        length: sd of the errors of a and d in the table, m; stated as tolerance, if not zero.
+        angle: the same for alpha and theta, rad.
+        exact: whether the table is stated to be exact.
+        unstated: whether the tolerance is not stated.
         duration: s.
         posterior: whether it is sampled.
     """
@@ -90,7 +89,7 @@ class Simulated:
 
     @property
     def prior(self) -> ParameterPrior:
-        """What is stated beforehand."""
+        """The stated tolerance of the table."""
         if self.unstated or not (self.length or self.exact):
             return ParameterPrior()
         return ParameterPrior(length_sd=self.length, angle_sd=self.angle)
@@ -98,15 +97,14 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Case:
-    """A log, and what is true of it.
+    """A log and its truth.
 
     Attributes:
-        robot: as it is told: by its table.
-        log: with the signs of its efforts: those that a signed sensor would have logged, whatever became of their
-            absolute values behind the rectifier. An effort that is read as zero has none.
-        hidden: effects with their joints, from 1; without any where it is the whole robot's.
-        parameters: true ones of the standard terms, by name, friction of a hidden effect at high speed included; NaN
-            for what changes during the log.
+        robot: with its stated table.
+        log: with the signs that a signed sensor would have logged; efforts read as zero have none.
+        hidden: effects with their joints, from 1; no joints for an effect of the whole robot.
+        parameters: true parameters of the standard terms by name, including the friction of a hidden effect at high
+            speed; NaN for those that change during the log.
     """
 
     robot: Robot
@@ -115,7 +113,7 @@ class Case:
     parameters: Mapping[str, float]
 
     def truth(self, model: Model, coefficients: BaseCoefficients) -> Array:
-        """(r,) true coefficients of a model that may hold more than the standard terms; NaN where there are none."""
+        """(r,) true coefficients of a model that may have more than the standard terms; NaN where none exist."""
         theta = np.array([self.parameters.get(parameter.name, 0.0) for parameter in model.parameters])
         unknown = np.isnan(theta)
         value = coefficients.project(np.where(unknown, 0.0, theta))
@@ -123,18 +121,18 @@ class Case:
         return np.where(touched, np.nan, value)
 
     def standard(self, motion: Motion) -> tuple[Model, BaseCoefficients]:
-        """The model of the standard terms, and the coefficients that are compared."""
+        """The model of the standard terms, and its coefficients."""
         model = Model(self.robot, make_terms(STANDARD, self.robot, motion))
         return model, base_coefficients(model)
 
 
 def make_case(scenario: Simulated, seed: int) -> Case:
-    """The log of a scenario and a seed, without its noise as the generator plays it."""
+    """The case of a scenario and a seed."""
     blind = generator("complete")
     rng = blind.stream(seed, 0)
-    told = bare_robot(rng, scenario.robot)
+    stated = bare_robot(rng, scenario.robot)
     trouble = blind.Trouble(scenario.length, scenario.angle)
-    arm = replace(told, table=blind.built_off(told.table, trouble, blind.stream(seed, 2)))
+    arm = replace(stated, table=blind.wrong_table(stated.table, trouble, blind.stream(seed, 2)))
     motion = _motion(scenario, arm.n, blind.stream(seed, 1), rng)
     play = blind.Play(arm, motion)
     arm = _with_joints(scenario, seed, arm, play)
@@ -152,7 +150,7 @@ def make_case(scenario: Simulated, seed: int) -> Case:
     log = Log(play.t[rows], play.q[rows], effort, np.ones(arm.n, dtype=bool), source="simulated log")
     joints = [() if effect.draft.joint is None else (effect.draft.joint + 1,) for effect in hidden]
     return Case(
-        robot_from_table(told.table, "simulated robot"),
+        robot_from_table(stated.table, "simulated robot"),
         log,
         tuple(zip((effect.name for effect in hidden), joints, strict=True)),
         _true_parameters(arm) | _changed(arm, hidden),
@@ -160,7 +158,7 @@ def make_case(scenario: Simulated, seed: int) -> Case:
 
 
 def _motion(scenario: Simulated, n: int, draws: np.random.Generator, rng: np.random.Generator) -> Any:
-    """Friction that falls with speed shows in slow parts; a short log would be nothing else."""
+    """A motion with slow parts in some logs, where Stribeck friction shows; not in short logs."""
     drawn = rng.random() < _SLOW and scenario.duration == DURATION
     if scenario.motion:
         return MOTIONS[scenario.motion](draws, n)
@@ -168,7 +166,7 @@ def _motion(scenario: Simulated, n: int, draws: np.random.Generator, rng: np.ran
 
 
 def _with_joints(scenario: Simulated, seed: int, arm: Any, play: Any) -> Any:
-    """The robot with what its joints add to the rigid bodies."""
+    """The robot with friction, offsets and rotors."""
     blind = generator("complete")
     if scenario.joints == "none":
         return arm
@@ -177,7 +175,7 @@ def _with_joints(scenario: Simulated, seed: int, arm: Any, play: Any) -> Any:
 
 
 def _hidden(scenario: Simulated, seed: int, play: Any, scale: Array) -> Sequence[Any]:
-    """The generator's effects: each of the size drawn, or a delay of the lag drawn."""
+    """The generator's effects, each of the drawn size, or a delay of the drawn lag."""
     blind, rng = generator("complete"), np.random.default_rng([seed, 3])
     if scenario.lag:
         draft = blind.delay(rng, play, int(rng.integers(play.robot.n)))
@@ -190,7 +188,7 @@ def _hidden(scenario: Simulated, seed: int, play: Any, scale: Array) -> Sequence
 
 
 def _window(scenario: Simulated, blind: Any, rng: np.random.Generator) -> slice:
-    """The log's part of what was played."""
+    """The samples that the log takes of the simulated motion."""
     count = round(scenario.duration * blind.RATE)
     start = blind.BEFORE + int(rng.integers(blind.SAMPLES - count + 1))
     return slice(start, start + count)
@@ -200,7 +198,7 @@ def _window(scenario: Simulated, blind: Any, rng: np.random.Generator) -> slice:
 # Truth
 # ---------------------------------------------------------------------------------------------------------------
 def _true_parameters(robot: Any) -> dict[str, float]:
-    """Of the standard terms; inertias about the links' frames (Steiner)."""
+    """Parameters of the standard terms; inertias about the links' frames (Steiner)."""
     true: dict[str, float] = {}
     for i, body in enumerate(robot.links, start=1):
         r = body.centre
@@ -220,6 +218,6 @@ def _changed(robot: Any, hidden: Sequence[Any]) -> dict[str, float]:
         form, joint = effect.draft.parameters.get("form"), effect.draft.joint
         if effect.name == "thermal_drift":
             changed |= {f"{name}{joint + 1}": np.nan for name in _VARYING[form]}
-        if effect.name == "stribeck_friction" and form != "bump":  # of which nothing is left at high speed
+        if effect.name == "stribeck_friction" and form != "bump":  # a bump vanishes at high speed
             changed[f"Fc{joint + 1}"] = float(robot.coulomb[joint]) + effect.magnitude
     return changed

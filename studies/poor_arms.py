@@ -1,7 +1,7 @@
-"""Logs of robots whose rigid model is poor, to score signs and named effects; shares no code with bayesid.
+"""Logs of robots whose rigid-body model is poor; shares no code with bayesid.
 
-Rigid bodies and motions are those of `bayesid.studies.blind`; what is added to them is written here. A 7-joint arm has
-torque sensors behind its gears, so little friction is read; an industrial arm of 6 joints has motor currents.
+Rigid bodies and motions are those of `bayesid.studies.blind`; effects are written here. A 7-joint arm has torque
+sensors behind its gears, which measure little friction; an industrial arm of 6 joints has motor currents.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ SENSORS, CURRENTS = "torque sensors", "currents"
 ARMS = SENSORS, CURRENTS
 EFFECTS = "base_tilt", "position_torque", "overcompensated_friction", "dead_zone"
 HARMONICS = 3
-AMPLITUDES = 0.5, 1.0  # of the harmonics before all are scaled: none is small beside the others
+AMPLITUDES = 0.5, 1.0  # of the harmonics before scaling
 TILT = 0.5, 3.0  # degrees
 # shares of a joint's RMS effort
 TORQUE = 0.3, 1.0
@@ -34,10 +34,7 @@ _MASSES = 4.0, 4.0, 3.0, 2.7, 1.7, 1.8, 1.5  # kg, the last one with a tool
 
 @dataclass(frozen=True)
 class Case:
-    """A log, with the signs of its efforts, and what is hidden in it: each effect's name, joints (from 1) and numbers.
-
-    An effect of the whole robot has no joints.
-    """
+    """A signed log and its hidden effects: name, joints (from 1, none for the whole robot) and parameters."""
 
     table: dict
     t: np.ndarray
@@ -66,7 +63,7 @@ def read_with_dead_band(effort, width):
 
 # --- Robots ----------------------------------------------------------------------------------------------------------
 def bare_arm(rng, arm):
-    """The robot as its table says, without what joints add."""
+    """The robot without friction, offsets and rotors."""
     if arm == CURRENTS:
         return blind.bare_robot(rng, "kr5")
     joints = [
@@ -79,7 +76,7 @@ def bare_arm(rng, arm):
 
 
 def with_joints(rng, robot, arm, rigid, dq, ddq):
-    """The robot with friction, offsets and rotors to the measure of its efforts in a motion."""
+    """The robot with friction, offsets and rotors, in proportion to its efforts in a motion."""
     n, scale, speed = robot.n, blind.rms(rigid), blind.rms(dq)
     share = rng.uniform(0.3, 0.7, n)
     friction = scale * rng.uniform(*FRICTION[arm], n)
@@ -90,21 +87,21 @@ def with_joints(rng, robot, arm, rigid, dq, ddq):
 
 # --- Cases -----------------------------------------------------------------------------------------------------------
 def make_case(arm, effects, seed):
-    """The case of an arm with these effects hidden in it; what is drawn for one leaves the others alone."""
+    """The case of an arm with these hidden effects; each effect has its own stream of random numbers."""
     rng = blind.stream(seed, 0)
-    told = bare_arm(rng, arm)
-    n, rate = told.n, int(rng.integers(50, 101))
+    stated = bare_arm(rng, arm)
+    n, rate = stated.n, int(rng.integers(50, 101))
     t = np.arange(round(rng.uniform(20.0, 30.0) * rate)) / rate
     q, dq, ddq = blind.random_series(blind.stream(seed, 1), n, slow=False)(t)
-    rigid, hidden = told.rigid_efforts(q, dq, ddq), []
-    robot = with_joints(blind.stream(seed, 2), told, arm, rigid, dq, ddq)
+    rigid, hidden = stated.rigid_efforts(q, dq, ddq), []
+    robot = with_joints(blind.stream(seed, 2), stated, arm, rigid, dq, ddq)
     viscous, coulomb, torque = robot.viscous.copy(), robot.coulomb.copy(), robot.offset + robot.rotor * ddq
     scale = blind.rms(rigid + viscous * dq + coulomb * np.sign(dq) + torque)
     if "base_tilt" in effects:
         draws = blind.stream(seed, 3)
         heading, angle = float(draws.uniform(0, 2 * np.pi)), float(np.deg2rad(draws.uniform(*TILT)))
-        table = {**told.table, "gravity": tilted(blind.GRAVITY, heading, angle).tolist()}
-        rigid = replace(told, table=table).rigid_efforts(q, dq, ddq)
+        table = {**stated.table, "gravity": tilted(blind.GRAVITY, heading, angle).tolist()}
+        rigid = replace(stated, table=table).rigid_efforts(q, dq, ddq)
         hidden.append(("base_tilt", (), {"heading": heading, "degrees": float(np.rad2deg(angle))}))
     if "overcompensated_friction" in effects:
         draws = blind.stream(seed, 4)
@@ -128,4 +125,4 @@ def make_case(arm, effects, seed):
         j, share = int(draws.integers(n)), float(draws.uniform(*DEAD_BAND))
         effort[:, j] = read_with_dead_band(effort[:, j], share * blind.rms(effort[:, j]))
         hidden.append(("dead_zone", (j + 1,), {"share": share}))
-    return Case(told.table, t, q, effort, tuple(hidden))
+    return Case(stated.table, t, q, effort, tuple(hidden))

@@ -1,7 +1,7 @@
-"""Robots and motions that say less than the usual ones: moves from point to point, slow pendulums, no gravity.
+"""Robots and motions that are less informative than usual: moves from point to point, slow pendulums, no gravity.
 
-Robots are those of `bayesid.studies.blind`, or built of its parts. A motion is a function from times (M,) to positions,
-velocities and accelerations (M, n).
+Robots are those of `bayesid.studies.blind`, or built with its classes. A motion is a function from times (M,) to
+positions, velocities and accelerations (M, n).
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from bayesid.studies.discrepancy import generator
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
 _MOVE = (0.8, 2.0)
-"""s, that a move from point to point takes."""
+"""s, duration of a move from point to point."""
 _REST = (0.4, 1.6)
-"""s, between two of them."""
+"""s, between two moves."""
 _STEP = (0.15, 1.5)
-"""rad, that a joint moves at a time."""
+"""rad, of a joint in one move."""
 _REACH = 2.0
-"""rad, on either side, as in the generator."""
+"""rad, to either side, as in the generator."""
 _RAMP = 0.25
-"""Share of a move in which a trapezoid of speed rises, and in which it falls."""
+"""Share of a move in which a trapezoidal speed rises, and in which it falls."""
 _SLOW = (0.05, 0.6)
-"""rad/s, of a pendulum's slow swing: the signs of the slowest hardly matter, inertia settles those of the fastest."""
+"""rad/s, of a pendulum's slow swing: signs are ambiguous at the slow end, and determined by inertia at the fast end."""
 _SINE = (0.2, 2.0)
 """rad/s, of a pure sine."""
 _SWING = 0.3
@@ -35,11 +35,11 @@ _SWING = 0.3
 _SECOND = 0.15
 """Share of the faster sine of a swing."""
 _CRAWL = 0.02
-"""rad/s, of a pendulum whose two sides no noise that there is can tell apart."""
+"""rad/s, of a pendulum with ambiguous signs at any noise of the study."""
 _LENGTHS = {"pendulum": 0.0, "lever": 0.5}
-"""m, of the links of single joints: only where there is a length does the table tell on which side the mass is."""
+"""m, of the links of single joints: with a length the prior knows on which side the mass is."""
 _UPRIGHT = [{"a": a, "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in (0.4, 0.35, 0.2)]
-"""Axes of an arm that gravity does not load."""
+"""Table of an arm with vertical axes."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -49,9 +49,9 @@ def bare_robot(rng: np.random.Generator, kind: str) -> Any:
     """A robot without friction, offsets and rotors.
 
     Args:
-        rng: draws.
-        kind: "kr5" or "random", as in the generator; "pendulum" or "lever", about a level axis; or "upright", three
-            vertical axes.
+        rng: random numbers.
+        kind: "kr5" or "random", as in the generator; "pendulum" or "lever", with a horizontal axis; or "upright", with
+            three vertical axes.
     """
     blind = generator("complete")
     if kind in _LENGTHS:
@@ -63,7 +63,7 @@ def bare_robot(rng: np.random.Generator, kind: str) -> Any:
 
 
 def _pendulum(rng: np.random.Generator, length: float) -> Any:
-    """3 kg about 0.3 m from the axis, hanging or standing but for 0.3 rad; a link of a length (m) in its table."""
+    """3 kg about 0.3 m from the axis, hanging or standing within 0.3 rad; `length` (m) of the link in its table."""
     blind = generator("complete")
     theta = rng.choice([-0.5, 0.5]) * np.pi + rng.uniform(-0.3, 0.3)
     joint = {"a": length, "alpha": 0.0, "d": 0.0, "theta": float(theta)}
@@ -79,7 +79,7 @@ def _robot(gravity: list[float], joints: list[dict[str, float]], links: tuple[An
 
 
 def without_some(robot: Any, rng: np.random.Generator) -> Any:
-    """The robot with joints that have no rotor inertia, and joints without viscous friction: one of each at least."""
+    """The robot with at least one joint without rotor inertia, and at least one without viscous friction."""
     absent = rng.random((2, robot.n)) < 0.5
     absent[[0, 1], rng.integers(robot.n, size=2)] = True
     return replace(robot, rotor=np.where(absent[0], 0.0, robot.rotor), viscous=np.where(absent[1], 0.0, robot.viscous))
@@ -152,7 +152,7 @@ def point_to_point(rng: np.random.Generator, n: int) -> PointToPoint:
 
 
 def held(robot: Any, motion: PointToPoint, t: Array, rng: np.random.Generator) -> Array:
-    """(M, n) what dry friction holds while joints rest: in each rest any share of it, of either sign."""
+    """(M, n) torque of dry friction at rest: in each rest a random share of it, of either sign."""
     k = np.searchsorted(motion.start, t, side="right")
     shares = rng.uniform(-1.0, 1.0, (len(motion.start) + 1, robot.n))
     torque: Array = motion.resting(t)[:, None] * shares[k] * robot.coulomb
@@ -160,22 +160,22 @@ def held(robot: Any, motion: PointToPoint, t: Array, rng: np.random.Generator) -
 
 
 def one_sine(rng: np.random.Generator, n: int) -> Motion:
-    """A pure one: inertia does next to nothing that gravity might not do."""
+    """A pure sine, in which inertia and gravity have almost the same effect."""
     return _swing(rng, n, rng.uniform(*_SINE), 0.0)
 
 
 def swing(rng: np.random.Generator, n: int) -> Motion:
-    """So slow that gravity is nearly all there is."""
+    """A slow motion, in which gravity dominates."""
     return _swing(rng, n, float(np.exp(rng.uniform(*np.log(_SLOW)))), _SECOND)
 
 
 def crawl(rng: np.random.Generator, n: int) -> Motion:
-    """So slow that gravity is all there is."""
+    """A very slow motion, in which only gravity matters."""
     return _swing(rng, n, _CRAWL, _SECOND)
 
 
 def _swing(rng: np.random.Generator, n: int, speed: float, second: float) -> Motion:
-    """Two sines of one amplitude in all, the faster one by a share that makes no period."""
+    """Two sines of frequencies 1 : 2.3, `second` being the share of the faster one in the amplitude."""
     blind, none = generator("complete"), np.zeros((n, 5))
     frequency, sine = none.copy(), none.copy()
     frequency[:, :2] = speed / (2.0 * np.pi) * np.array([1.0, 2.3])
@@ -189,4 +189,4 @@ MOTIONS: Mapping[str, Callable[[np.random.Generator, int], Motion]] = {
     "swing": swing,
     "crawl": crawl,
 }
-"""Beside the generator's own."""
+"""Motions in addition to the generator's own."""

@@ -108,8 +108,8 @@ def test_the_report_counts_rows_of_right_answers_for_each_target():
     rows = made_up_rows(15)
     lines = reported(discrepancy_sets.STUDY, rows).splitlines()
     for target in discrepancy_sets.targets():
-        (line,) = [line for line in lines if line.startswith(f"{target.said:<58}")]
-        if not target.said.startswith("outside: right"):
-            assert f"({1:.1%})" in line, line
+        (line,) = [line for line in lines if line.startswith(f"{target.text:<58}")]
+        if not target.text.startswith("outside: right"):
+            assert "(100.0 %)" in line, line
     wrong = [{**rows[0], "false": 1, "named": json.dumps([["delay", [2], []]])}, *rows[1:]]
     assert "two effects, different joints: set named                  0 of 1" in discrepancy_sets.report(wrong)
