@@ -18,7 +18,7 @@ from bayesid.effects.tuning import TUNING
 
 
 class Quantity(IntEnum):
-    """What a variable is; the numbers are those that model.toml keeps."""
+    """Kind of a variable, by its number in model.toml."""
 
     POSITION = 0
     VELOCITY = 1
@@ -28,7 +28,7 @@ class Quantity(IntEnum):
 
 
 class Family(IntEnum):
-    """Which functions an axis has; the numbers are those that model.toml keeps."""
+    """Functions of an axis, by their number in model.toml."""
 
     SMOOTH = 0  # cosines over the range seen, the constant first
     PERIODIC = 1  # cos(h x), sin(h x), cos(2 h x) ...; with an odd count the constant comes first
@@ -43,7 +43,7 @@ class Family(IntEnum):
 class Axis:
     """A variable, and the functions of it that are used."""
 
-    quantity: Quantity  # what it is
+    quantity: Quantity  # kind of variable
     joint: int  # of which joint (from 1); 0 for the time
     family: Family  # which functions
     low: float  # least value that the log has shown, in the variable's unit
@@ -53,7 +53,6 @@ class Axis:
 
     @property
     def variable(self) -> tuple[Quantity, int]:
-        """The variable alone."""
         return self.quantity, self.joint
 
     def columns(self, x: Array) -> Array:
@@ -121,7 +120,7 @@ def products(axes: list[Array]) -> Array:
 
 
 def scaled_to_one(columns: Array, used: Mask) -> Array:
-    """(p,) RMS of columns (N, p) over the samples that count (N,)."""
+    """(p,) RMS of columns (N, p) over the used samples (N,)."""
     return np.asarray(np.sqrt(np.mean(columns[used] ** 2, axis=0)))
 
 

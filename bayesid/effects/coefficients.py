@@ -1,9 +1,8 @@
 """Base coefficients: the combinations of parameters that a motion can show.
 
 Of the P standard parameters only r combinations act on the efforts. As in Gautier and Khalil (1990), but numerically:
-on a random motion the columns are taken from base to tip, each one is kept when it is independent of those kept
-before it, and the others are written in the kept ones. So Y theta = Y[:, kept] beta, beta = theta_kept + K theta_rest
-(:eq:`base-coefficients`).
+on a random motion, from base to tip, each column that is independent of the kept ones is kept; the others are
+combinations of these. So Y theta = Y[:, kept] beta, beta = theta_kept + K theta_rest (:eq:`base-coefficients`).
 """
 
 from __future__ import annotations

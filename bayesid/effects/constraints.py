@@ -101,7 +101,6 @@ class Constraints:
         )
 
     def without(self, label: str) -> Constraints:
-        """All but those of a label."""
         return self.only(k for k, other in enumerate(self.labels) if other != label)
 
     def sparing(self, names: Sequence[str]) -> Constraints:

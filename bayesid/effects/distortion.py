@@ -55,7 +55,7 @@ class Distortion(Effect):
         return None
 
     def measured(self, effort: Array) -> Array:
-        """(N, n) what the sensor reads of efforts (N, n), N m."""
+        """(N, n) readings of efforts (N, n), N m."""
         return effort
 
     def restored(self, magnitude: Array) -> tuple[Array, Mask]:

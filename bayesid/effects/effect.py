@@ -55,7 +55,7 @@ class Scene:
     actuators: Motion  # the same in actuator coordinates
     effort: Array  # (N, n) the current model's effort, N m
     measured: Array  # (N, n) absolute values of the measured efforts, N m
-    links: Array  # (10 n,) the current model's link parameters, with what the links carry
+    links: Array  # (10 n,) the current model's link parameters, with payloads
     effort_with: Callable[[Robot, Motion], Array]
     """(N, n) effort, N m, of the current model without newly found effects, for another robot or motion."""
 

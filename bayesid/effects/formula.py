@@ -30,7 +30,7 @@ class Description:
     variables: tuple[str, ...]  # q4, dq5, ddq1, tau2 (the load) or t
     formula: str  # the effort in N m (N in a joint that slides); f is a smooth function, its RMS before it
     depends: str  # on what, in words
-    families: tuple[str, ...]  # what it looks like, in words
+    families: tuple[str, ...]  # known families that it resembles, in words
 
     @property
     def sentence(self) -> str:
@@ -92,7 +92,7 @@ def _terms(component: Component, amplitude: Array) -> Iterator[str]:
 
 
 def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tuple[float, list[str]]] | None:
-    """Size and texts of products whose sum is a function on a grid; None where there is no short one."""
+    """Size and texts of products whose sum is a function on a grid; None if more than a few are needed."""
     if not axes:
         return [(float(values.ravel()[0]), [])]
     if len(axes) == 1:
@@ -169,7 +169,6 @@ def _written(name: str, turns: float, texts: list[str], amplitudes: list[float])
 
 
 def _single(axis: Axis) -> str:
-    """The one function of an axis."""
     name = symbol(*axis.variable)
     named = {Family.DIRECTION: f"sign({name})", Family.ODD: f"{name} |{name}|", Family.EVEN: f"|{name}|"}
     return named.get(axis.family, name if axis.order == 1.0 else f"{name}^{axis.order:g}")

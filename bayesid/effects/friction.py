@@ -51,11 +51,9 @@ class OvercompensatedFriction(Term):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """In each actuator by itself."""
         return (cls(joints=(j,)) for j in range(1, scene.robot.n_joints + 1))
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, 0): none."""
         return np.zeros((len(motion), robot.n_joints, 0))
 
 

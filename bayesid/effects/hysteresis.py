@@ -21,16 +21,16 @@ def _widths(actuator: Motion) -> list[float]:
     return [width for width in TUNING.hysteresis_widths if width < 0.5 * float(np.ptp(actuator.q))]
 
 
-def _strained(z: float, way: float) -> float:
-    side = math.copysign(1.0, way)
-    return side + (z - side) * math.exp(-abs(way))
+def _loaded(z: float, step: float) -> float:
+    side = math.copysign(1.0, step)
+    return side + (z - side) * math.exp(-abs(step))
 
 
-def _relieved(z: float, way: float) -> float:
-    if z * way < 0.0:  # unload first, then load over the remaining way
-        relief = min(abs(way), abs(z))
-        z, way = z + math.copysign(relief, way), math.copysign(abs(way) - relief, way)
-    return _strained(z, way) if way else z
+def _unloaded_and_loaded(z: float, step: float) -> float:
+    if z * step < 0.0:  # unload first, then load over the rest of the step
+        unloading = min(abs(step), abs(z))
+        z, step = z + math.copysign(unloading, step), math.copysign(abs(step) - unloading, step)
+    return _loaded(z, step) if step else z
 
 
 class Hysteresis(ActuatorTerm):
@@ -39,7 +39,7 @@ class Hysteresis(ActuatorTerm):
     Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE TAC 2005.
 
     Args:
-        width: (m,) w of each actuator: the way from rest to slipping, rad.
+        width: (m,) w of each actuator: displacement from rest to slipping, rad.
     """
 
     width: Numbers = number("rad", tried=_widths)
@@ -51,10 +51,10 @@ class Hysteresis(ActuatorTerm):
     memory = True
 
     @staticmethod
-    def states(ways: list[float], z: float) -> Iterator[float]:
+    def states(steps: list[float], z: float) -> Iterator[float]:
         """States of one element after each displacement, in units of its width, from state z."""
-        for way in ways:
-            z += way
+        for step in steps:
+            z += step
             if z > 1.0:
                 z = 1.0
             elif z < -1.0:
@@ -65,7 +65,7 @@ class Hysteresis(ActuatorTerm):
         """Whether the width takes a few samples at the usual speed; otherwise it looks like a step or a small delay."""
         period = float(np.median(np.diff(scene.motion.t)))
         usual = np.percentile(np.abs(scene.actuators.dq), TUNING.usual_speed, axis=0)[self.acting(scene.robot.n_joints)]
-        return bool(np.all(np.array(self.width) > TUNING.fewest_samples_of_way * period * usual))
+        return bool(np.all(np.array(self.width) > TUNING.fewest_samples_of_width * period * usual))
 
     def unit_efforts(self, actuators: Motion) -> Array | Sequence[Array]:
         """(N, m) the state z, zero at the start of the log: its true initial value is unknown."""
@@ -76,9 +76,9 @@ class Hysteresis(ActuatorTerm):
         width, key = share * np.array(self.width), (self.name, self.joints, share)
         before = actuators.earlier(key)
         first, start = (actuators.q[0], np.zeros(len(width))) if before is None else before
-        ways = np.diff(actuators.q, axis=0, prepend=first[None]) / width
+        steps = np.diff(actuators.q, axis=0, prepend=first[None]) / width
         # plain numbers: faster than arrays of one
-        columns = [list(self.states(way.tolist(), z)) for way, z in zip(ways.T, start.tolist(), strict=True)]
+        columns = [list(self.states(own.tolist(), z)) for own, z in zip(steps.T, start.tolist(), strict=True)]
         state = np.array(columns).T
         actuators.keep(key, actuators.q[-1], state[-1])
         return state
@@ -108,12 +108,12 @@ class SmoothHysteresis(Hysteresis):
     coefficients = (Coefficient("Fhs", "N m", nonnegative=True),)
 
     @staticmethod
-    def states(ways: list[float], z: float) -> Iterator[float]:
-        return islice(accumulate(ways, _strained, initial=z), 1, None)
+    def states(steps: list[float], z: float) -> Iterator[float]:
+        return islice(accumulate(steps, _loaded, initial=z), 1, None)
 
 
 class ElasticHysteresis(Hysteresis):
-    """Fh z, Fh >= 0, with dz = du / w where the element is relieved, and dz = du / w (1 - |z|) where it is strained.
+    """Fh z, Fh >= 0: the element unloads with dz = du / w and loads with dz = du / w (1 - |z|).
 
     Bouc 1967 and Wen, Method for random vibration of hysteretic systems, 1976, with beta = gamma = 1/2 and n = 1.
     """
@@ -123,5 +123,5 @@ class ElasticHysteresis(Hysteresis):
     coefficients = (Coefficient("Fhe", "N m", nonnegative=True),)
 
     @staticmethod
-    def states(ways: list[float], z: float) -> Iterator[float]:
-        return islice(accumulate(ways, _relieved, initial=z), 1, None)
+    def states(steps: list[float], z: float) -> Iterator[float]:
+        return islice(accumulate(steps, _unloaded_and_loaded, initial=z), 1, None)

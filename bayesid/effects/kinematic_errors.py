@@ -164,7 +164,7 @@ class Displacement(RobotDistortion):
 
 
 class JointZero(Displacement):
-    """Error of theta: the joint was mastered in another position, or its encoder has slipped.
+    """Error of the table's theta: the joint was mastered in another position, or its encoder has slipped.
 
     Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991.
     """
@@ -183,7 +183,7 @@ class JointZero(Displacement):
 
 
 class LinkLength(Displacement):
-    """Error of a: the link is longer or shorter."""
+    """Error of the table's a: the link is longer or shorter."""
 
     name = "link_length"
     shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
@@ -199,7 +199,7 @@ class LinkLength(Displacement):
 
 
 class LinkOffset(Displacement):
-    """Error of d: the link sits further along its axis."""
+    """Error of the table's d: the link sits further along its axis."""
 
     name = "link_offset"
     shown_by = "moving the joints before the link through their ranges, fast, in several postures"
@@ -215,7 +215,7 @@ class LinkOffset(Displacement):
 
 
 class LinkTwist(Displacement):
-    """Error of alpha: the angle between two axes differs."""
+    """Error of the table's alpha: the angle between two axes differs."""
 
     name = "link_twist"
     shown_by = "moving the joints on both sides of the link slowly through their ranges"

@@ -43,7 +43,8 @@ def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> C
 class LearnedEffect(Term):
     """A sum of functions, found in one joint of a log and linear in their amplitudes.
 
-    A function is a product of functions of its variables. `bayesid.effects.axes.Axis` extrapolates them.
+    A function is a product of functions of its variables. Outside the log's range it is constant; a single power only
+    beyond another half range; periodic functions continue.
 
     Args:
         joints: its joint.
@@ -79,12 +80,10 @@ class LearnedEffect(Term):
 
     @cached_property
     def components(self) -> tuple[Component, ...]:
-        """The functions."""
         return tuple(Component(tuple(map(_axis, axes)), np.array(weights)) for axes, weights in self.functions)
 
     @property
     def _counts(self) -> list[int]:
-        """Columns of each function."""
         return [component.weights.shape[1] for component in self.components]
 
     def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:

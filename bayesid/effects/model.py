@@ -144,12 +144,10 @@ class Model:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Terms and distortions."""
         return (*self.terms, *self.distortions)
 
     @property
     def payloads(self) -> tuple[str, ...]:
-        """Labels of the model's payloads."""
         return tuple(dict.fromkeys(label for term in self.terms for label in term.payloads))
 
     @property
@@ -172,7 +170,7 @@ class Model:
         return [(term, theta[place]) for term, place in zip(self.terms, self.places, strict=True)]
 
     def links(self, theta: Array) -> Array:
-        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are."""
+        """(n, 10) link parameters with payloads, from theta (P,); zero without rigid bodies."""
         parts = (term.link_parameters(self.robot, values) for term, values in self.parts(theta))
         return sum(parts, np.zeros((self.robot.n_joints, 10)))
 

@@ -71,12 +71,10 @@ class Cone:
 
     @classmethod
     def free(cls, size: int) -> Cone:
-        """No constraint."""
         return cls(size, np.empty(0, dtype=np.int64), np.empty((0, 10), dtype=np.int64))
 
     @classmethod
     def orthant(cls, size: int) -> Cone:
-        """Every parameter nonnegative."""
         return cls(size, np.arange(size), np.empty((0, 10), dtype=np.int64))
 
     @classmethod

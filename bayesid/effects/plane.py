@@ -28,7 +28,6 @@ class Plane:
 
     @classmethod
     def whole(cls, size: int) -> Plane:
-        """The whole space."""
         return cls(np.zeros(size), np.eye(size))
 
     @classmethod
@@ -55,7 +54,6 @@ class Plane:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it is the whole space."""
         return self.basis.shape[0] == self.basis.shape[1]
 
     def point(self, y: Array) -> Array:

@@ -67,7 +67,7 @@ class Term(Effect):
         return effort
 
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
-        """(n, 10) what its parameters theta (p,) add to those of the links."""
+        """(n, 10) contribution of its parameters theta (p,) to those of the links."""
         return np.zeros((robot.n_joints, 10))
 
     def change(self, scene: Scene) -> tuple[Array, Array]:

@@ -36,7 +36,7 @@ class Tuning:
     # numbers tried
     hysteresis_widths: tuple[float, ...] = (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
     """rad (m), displacement from rest to slipping, each about 1.8 times the last; refined in between."""
-    fewest_samples_of_way: float = 2.0
+    fewest_samples_of_width: float = 2.0
     """Fewest samples within a width; a shorter one looks like a step."""
     usual_speed: float = 80.0
     """Percentile of the speeds that counts as usual. Halving it changes the effects found on UR10e (`ablation`)."""

@@ -38,7 +38,7 @@ def read_config(path: Path) -> dict[str, Any]:
     for key, value in table.items():
         if key not in known:
             if key in _ON_THE_COMMAND_LINE:
-                raise InputError(f"{key} cannot stand in this file", where, f"give --{key} on the command line")
+                raise InputError(f"{key} is not allowed in this file", where, f"give --{key} on the command line")
             near = near_names(key, known)
             raise InputError(f"unknown key {key!r:.60}", where, f"{near} {_REMEDY}".strip())
         items = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]

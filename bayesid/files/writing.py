@@ -70,7 +70,7 @@ def check_place(path: Path) -> None:
 def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
     """Calls `write` on a temporary folder, then renames it; an error changes nothing.
 
-    `check_folder` checks what may be replaced. A link stays a link.
+    `check_folder` checks that the earlier folder may be replaced. Symbolic links are kept.
     """
     folder = check_folder(folder, files, marker)
     target = folder.resolve()

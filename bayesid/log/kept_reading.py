@@ -78,8 +78,7 @@ def read_alike(
 ) -> Recorded:
     """What `read_log` or `read_motion` returns for a source by kept options; given options take precedence.
 
-    Kept column names, joint names and encodings that do not fit the source are dropped with a warning, if it can be
-    read without them.
+    Kept column names, joint names and encodings are dropped with a warning if the source is readable only without them.
 
     Raises:
         InputError: the source cannot be read, or its unit of angles is ambiguous.

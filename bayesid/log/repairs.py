@@ -98,15 +98,15 @@ def remarks_on_time(table: Table, q: Array) -> list[str]:
     steps, long = np.diff(table.t), pauses(table.t)
     long[np.array(table.starts[1:], dtype=int) - 1] = False
     jumps = np.flatnonzero(long)
-    stands = (steps == 0.0) & (np.diff(q, axis=0) != 0.0).any(axis=1)
-    stands[np.array(table.starts[1:], dtype=int) - 1] = False
+    stopped = (steps == 0.0) & (np.diff(q, axis=0) != 0.0).any(axis=1)
+    stopped[np.array(table.starts[1:], dtype=int) - 1] = False
     notes = []
     if len(jumps):
         when = ", ".join(f"{table.t[k]:.3f}" for k in jumps[:3]) + (" ..." if len(jumps) > 3 else "")
         often = f"{len(jumps)} time{'s' * (len(jumps) > 1)}"
         notes = [f"time jumps {often}, {steps[jumps].sum():.3g} s in total, after {when} s; these pauses are left out"]
-    if stands.any():
-        notes.append(f"{stands.sum():,} rows repeat the time of the row before while joints move; they are left out")
+    if stopped.any():
+        notes.append(f"{stopped.sum():,} rows repeat the time of the row before while joints move; they are left out")
     return [f"{table.source}: {note}" for note in notes]
 
 
@@ -134,7 +134,6 @@ def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str, *, stat
 
 
 def _reversal_count(q: Array) -> int:
-    """How often a joint reverses, in either direction."""
     prominence = TUNING.turning * float(np.ptp(q))
     return sum(len(find_peaks(positions, prominence=prominence)[0]) for positions in (q, -q))
 

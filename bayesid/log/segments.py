@@ -111,7 +111,7 @@ def find_segments(signals: Signals, actuators: Motion, segmentation: Segmentatio
             )
             edges |= cuts | _slope_jumps(effort, half_period, edges | cuts)
             fitted = moving & (np.abs(effort) >= segmentation.threshold * np.percentile(effort, 99))
-            edges |= _changes(fitted)  # last: these are no sign changes and must not replace one
+            edges |= _changes(fitted)  # last: these are not sign changes and must not replace one
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
         rows += [(j, a, b, known, bool(moving[a]), bool(fitted[a])) for a, b in pairwise(bounds)]

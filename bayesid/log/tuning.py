@@ -25,7 +25,7 @@ class Tuning:
     """s. A longer typical step is not a time in seconds: controllers log every 1 to 12 ms, slow buses every 0.1 s."""
     unsorted: float = 0.01
     """Share of backward steps above which a time column is out of order, whatever its unit."""
-    stands: float = 0.75
+    repeated_times: float = 0.75
     """Share of moving rows that repeat the previous time, above which the clock is too coarse."""
     few_turns: float = 4.0 * pi
     """rad; two turns either way. Few joints exceed it, so positions beyond may be degrees."""
@@ -119,7 +119,7 @@ class Tuning:
     near_zero: float = 0.05
     """Share of its maximum below which an absolute value must come in most joints; it does in all 18 real logs."""
     offset: float = 1.0
-    """Offset over variation of a reading, above which it is no absolute value; 18 real logs have at most 0.33."""
+    """Offset over variation of a reading, above which it is not an absolute value; 18 real logs have at most 0.33."""
     least_work: float = 0.15
     """Minimum mean correlation of efforts and velocities that identifies the positive direction: 18 real logs have at
     least 0.16, simulated ones with little friction 0.09 of either sign."""
@@ -193,8 +193,8 @@ class Tuning:
     """Share of its 99th percentile by which the acceleration must jump for a cut. Halved or doubled, UR10e's log gets
     other segments."""
     zero_ceiling: float = 0.35
-    """Share of the 99th percentile of |effort| above which a minimum is no sign change. Halved or doubled, UR10e's log
-    gets other segments."""
+    """Share of the 99th percentile of |effort| above which a minimum is not a sign change. Halved or doubled, UR10e's
+    log gets other segments."""
 
 
 TUNING = Tuning()

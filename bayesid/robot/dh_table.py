@@ -113,7 +113,6 @@ def _chain_joint(row: Mapping[str, Any], where: str) -> Joint:
 
 
 def _rated_effort(row: Mapping[str, Any], where: str) -> float | None:
-    """Rated effort of a joint, N m or N; None if not given."""
     if "rated_effort" not in row:
         return None
     effort = float(given_numbers(row["rated_effort"], (), "rated_effort", where))

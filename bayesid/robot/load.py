@@ -63,7 +63,7 @@ def load_robot(
     """A robot from a built-in name, a file (DH table .toml, URDF, MJCF), a table, or a name of an installed package.
 
     Args:
-        source: name, file, or what a DH file holds: `name`, `convention` ("standard" or "modified"), `joints` (each
+        source: name, file, or content of a DH file: `name`, `convention` ("standard" or "modified"), `joints` (each
             with a, alpha, d, theta; m and rad; optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N),
             optional `gravity` (m/s^2) and `transmission`. Names of example-robot-data and of robot_descriptions are
             known where these are installed.

@@ -36,7 +36,7 @@ class Shape:
 
     name: str  #: of the link
     body: int  #: index of the joint that moves it; `BASE` for none
-    solid: Any  #: what coal measures distances of
+    solid: Any  #: geometry of coal
     place: Array  #: (4, 4) frame of the solid
     #: whether it is the capsule of a prismatic joint's extension, from its zero to its position
     rod: bool = False
@@ -128,7 +128,6 @@ def _lines(robot: Robot, body: int, tool: Array, standard: bool) -> Iterator[Arr
 
 
 def _pieces(corners: Array) -> Iterator[Array]:
-    """Lines between corners that differ."""
     kept = [corners[0]]
     for corner in corners[1:]:
         if np.linalg.norm(corner - kept[-1]) > _SHORTEST:

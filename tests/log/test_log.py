@@ -73,7 +73,7 @@ def test_table_that_cannot_be_used(table, save):
     for old, new, said in (
         ("t", "clock", "column t is missing"),
         ("q2", "q3", "column q2 is missing"),
-        ("q2", "x", "column tau2 has no q beside it"),
+        ("q2", "x", "column tau2 has no matching q"),
         ("dq1", "t", "column t appears twice"),
     ):
         header = [new if name == old else name for name in table[0]]

@@ -73,7 +73,7 @@ def test_a_column_that_a_user_prefers_counts_in_place_of_the_joints_own(tmp_path
     stated = {f"{kind}{j}": USUAL[kind].replace("{}", str(2 - j)) for kind in ("q", "dq", "tau") for j in (1, 2)}
     turned = {name: RECORDED[name][:, 1::-1] for name in ("q", "dq", "tau")}
     assert_same(read_log(path, columns=stated), RECORDED | turned)  # joints named one by one are all there are
-    for kind, said in (("q", "has no q beside it"), ("tau", "is missing")):
+    for kind, said in (("q", "has no matching q"), ("tau", "is missing")):
         # without the first joint's column those of joints 2 and 3 may be numbered from 0 or from 1
         old = USUAL[kind].replace("{}", "0")
         path = save(tmp_path / "log.csv", {"first" if name == old else name: v for name, v in usual.items()})

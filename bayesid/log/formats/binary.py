@@ -95,7 +95,7 @@ def _may_be_numbers(kind: pyarrow.DataType) -> bool:
 
 
 def _check_parquet(file: parquet.ParquetFile, names: Sequence[str], where: str) -> None:
-    """Refuses columns that unpack to too many values."""
+    """InputError if the columns unpack to too many values."""
     metadata, size = file.metadata, 0
     for k in range(metadata.num_row_groups):
         group = metadata.row_group(k)

@@ -127,7 +127,7 @@ def _time(header: Sequence[str]) -> list[SourceColumn]:
 
 
 def _split_time(header: Sequence[str], found: Mapping[str, SourceColumn]) -> list[SourceColumn]:
-    """Columns of whole seconds and of fractions, if a time has both and there is no other."""
+    """Columns of whole seconds and of fractions, if the header has both and no other time."""
     words = {place: last_word(label.replace("_", ".")).casefold() for place, label in enumerate(header)}
     whole = [place for place, word in words.items() if word in ("sec", "secs", "seconds")]
     fractions = [(place, _FRACTIONS[word]) for place, word in words.items() if word in _FRACTIONS]
@@ -327,7 +327,7 @@ def _complete(
         if _highest(kind, found) > n:
             extra = next(source for name, source in found.items() if kind_part(name) == kind and _joint(name) > n)
             remedy = "give q and effort columns for the same joints"
-            raise InputError(f"column {extra.label} has no q beside it", where, remedy)
+            raise InputError(f"column {extra.label} has no matching q", where, remedy)
     return tuple(chosen)
 
 
@@ -350,7 +350,7 @@ def _joint(name: str) -> int:
 
 
 def _label(found: Mapping[str, SourceColumn], kind: str, joint: int) -> str:
-    """The file's name of a joint's column, or the expected one by the columns beside it."""
+    """The file's name of a joint's column, or the expected one by those of other joints."""
     if f"{kind}{joint}" in found:
         return found[f"{kind}{joint}"].label
     beside = next(name for name in found if kind_part(name) == kind)

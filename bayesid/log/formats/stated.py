@@ -61,7 +61,7 @@ def _pairs(text: str) -> list[tuple[str, str]]:
 
 
 def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
-    """The columns, if each is one of a log and has a name; else an InputError."""
+    """The columns, if each is a log's column and has a name; else an InputError."""
     for key, pattern in columns.items():
         if not isinstance(key, str) or not _KEY.fullmatch(key):
             remedy = f"give t, q, dq, tau or i, or a single joint such as q1: {EXAMPLE}"

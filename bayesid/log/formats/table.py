@@ -192,7 +192,7 @@ def _check_resolution(table: Table) -> None:
     """InputError if the clock stands still while joints move."""
     t, positions = table.t, [column.values for name, column in table.columns.items() if name.startswith("q")]
     moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
-    if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.stands and np.ptp(t) > 0.0:
+    if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.repeated_times and np.ptp(t) > 0.0:
         label, rows = table.columns["t"].label, len(t)
         instants, counts = np.unique(t, return_counts=True)
         what = f"column {label} has {len(instants):,} instants in {rows:,} rows, but positions change in between"
