@@ -73,22 +73,23 @@ class Selection:
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Selects effects that explain the log and are confirmed by held-back data."""
-    with progress.stage("effect selection") as steps:
-        return _selected(case, steps)
-
-
-def _selected(case: Case, steps: Steps) -> Selection:
-    data, library = _begin(case)
-    before = explain(data, ())
+    with progress.stage("effects: candidates"):
+        data, library = _begin(case)
+        before = explain(data, ())
     old = preexisting(before, library)
     library = [group for group in library if group and group[0].key not in old]
     nothing = EffectSet(case, before)
     sets = EffectSets(case, library, {nothing.forms: nothing})
     sharp = bool(data.sharp.all())
-    best, unconfirmed = (_most_probable(sets, nothing, steps), []) if sharp else _only_confirmed(sets, nothing)
+    best, unconfirmed = (
+        (_most_probable(sets, nothing, progress), []) if sharp else _only_confirmed(sets, nothing, progress)
+    )
     stopped = sharp and sets.n_fitted > TUNING.most_sets
-    minimal = _confirmed_sets(sets, best) if sharp else [best]
-    chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior)
+    minimal = _confirmed_sets(sets, best, progress) if sharp else [best]
+    with progress.stage("effects: learned functions"):
+        chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior)
+    with progress.stage("effects: cost of each"):
+        cost = costs(sets, chosen)
     passed = [*unconfirmed, *((one, effect) for one in (best, minimal[0]) for effect in one.effects)]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
     return Selection(
@@ -98,7 +99,7 @@ def _selected(case: Case, steps: Steps) -> Selection:
         sets=weighed(minimal, chosen),
         stopped=stopped,
         rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
-        costs=costs(sets, chosen),
+        costs=cost,
     )
 
 
@@ -116,16 +117,20 @@ def _begin(case: Case) -> tuple[Observations, Library]:
 # ---------------------------------------------------------------------------------------------------------------
 # On the log
 # ---------------------------------------------------------------------------------------------------------------
-def _most_probable(sets: EffectSets, nothing: EffectSet, steps: Steps) -> EffectSet:
+def _most_probable(sets: EffectSets, nothing: EffectSet, progress: Progress) -> EffectSet:
     """The most probable set, starting from forward selection and from effects of the whole robot."""
-    best = _improved(sets, _one_by_one(sets, nothing))
-    steps(1, 3)
-    for effect in _of_several_joints(sets, nothing):
-        if effect.key not in best.keys and sets.n_fitted <= TUNING.most_sets:
-            tried = [sets.fit([*others, effect], best.data) for others in ((), best.effects)]
-            other = polished(sets, max(tried, key=lambda one: one.log_posterior))
-            best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
-    steps(2, 3)
+    with progress.stage("effects: one by one"):
+        chosen = _one_by_one(sets, nothing)
+    with progress.stage("effects: joint by joint"):
+        best = _improved(sets, chosen)
+    with progress.stage("effects: of several joints") as steps:
+        several = _of_several_joints(sets, nothing)
+        for done, effect in enumerate(several, start=1):
+            if effect.key not in best.keys and sets.n_fitted <= TUNING.most_sets:
+                tried = [sets.fit([*others, effect], best.data) for others in ((), best.effects)]
+                other = polished(sets, max(tried, key=lambda one: one.log_posterior))
+                best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
+            steps(done, len(several))
     return best
 
 
@@ -262,7 +267,7 @@ def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]
 # ---------------------------------------------------------------------------------------------------------------
 # On held-back data
 # ---------------------------------------------------------------------------------------------------------------
-def _confirmed_sets(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
+def _confirmed_sets(sets: EffectSets, chosen: EffectSet, progress: Progress) -> list[EffectSet]:
     """Minimal sets that predict held-back data equally well, most probable first.
 
     Sets without an effect of the chosen one, or with an alternative in its place, are fitted too. Each effect of a set
@@ -271,13 +276,17 @@ def _confirmed_sets(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     seen, minimal = set[Forms](), [chosen]
     while chosen.forms not in seen and len(seen) < TUNING.rounds:
         seen.add(chosen.forms)
-        _fit_alternatives(sets, chosen)
-        minimal = minimal_sets(sets)
+        with progress.stage("effects: alternatives") as steps:
+            _fit_alternatives(sets, chosen, steps)
+        with progress.stage("effects: held-back data"):
+            minimal = minimal_sets(sets)
         chosen = minimal[0]
     return minimal
 
 
-def _only_confirmed(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+def _only_confirmed(
+    sets: EffectSets, nothing: EffectSet, progress: Progress
+) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """Forward selection without effects that held-back data do not confirm, and these effects.
 
     Used if the floor is uncertain because the earlier model was poor. Sets are not compared then, as complex effects
@@ -286,8 +295,10 @@ def _only_confirmed(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, li
     chosen, unconfirmed = nothing, list[tuple[EffectSet, Hypothesis]]()
     while True:
         if len(unconfirmed) < TUNING.most_unconfirmed:
-            chosen = _one_by_one(sets, chosen, {effect.key for _, effect in unconfirmed})
-        effect = _unconfirmed(sets, chosen)
+            with progress.stage("effects: one by one"):
+                chosen = _one_by_one(sets, chosen, {effect.key for _, effect in unconfirmed})
+        with progress.stage("effects: held-back data"):
+            effect = _unconfirmed(sets, chosen)
         if effect is None:
             return chosen, unconfirmed
         unconfirmed.append((chosen, effect))
@@ -304,14 +315,16 @@ def _unconfirmed(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
     return None
 
 
-def _fit_alternatives(sets: EffectSets, chosen: EffectSet) -> None:
+def _fit_alternatives(sets: EffectSets, chosen: EffectSet, steps: Steps) -> None:
     """Fits sets without an effect of the chosen one, or with an alternative to one or two of its effects."""
     chosen = sets.anchored(chosen)
     sets.fewer(chosen)
     pairs = [(a, b) for a, b in combinations(chosen.effects, 2) if a.columns.joints == b.columns.joints]
-    for replaced in [*((effect,) for effect in chosen.effects), *pairs]:
+    removed = [*((effect,) for effect in chosen.effects), *pairs]
+    for done, replaced in enumerate(removed, start=1):
         for other in _alternatives(sets, chosen, replaced):
             sets.fit([*chosen.without(*replaced), other], chosen.data, other.columns.joints, other)
+        steps(done, len(removed))
 
 
 def minimal_sets(sets: EffectSets) -> list[EffectSet]:

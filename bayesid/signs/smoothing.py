@@ -52,11 +52,11 @@ def sign_probabilities(
     """
     after, rate = signals.after_rectifier, signals.rate
     read = signals.magnitude if after is None else np.where(signals.signed, signals.magnitude, after.read)
-    smoothed = smooth(read, predicted, moving, noise, rate, progress, after=after)
+    smoothed = smooth(read, predicted, moving, noise, rate, progress, after=after, known=signals.signed)
     return signals.with_known_signs(np.where(moving.any(axis=0), smoothed, 0.5))
 
 
-def smooth(
+def smooth(  # noqa: PLR0913  of a joint, and how it is smoothed
     effort: Array,
     predicted: Array,
     moving: Mask,
@@ -65,26 +65,31 @@ def smooth(
     progress: Steps = no_steps,
     tuning: Tuning = TUNING,
     after: AfterRectifier | None = None,
+    known: Mask | None = None,
 ) -> Array:
     """(N, n) P(sign = +) of every sample of |effort| (N, n), N m, at a rate, Hz; see `sign_probabilities`.
 
-    The efforts are as read, possibly after a low-pass behind the rectifier.
+    The efforts are as read, possibly after a low-pass behind the rectifier. Joints of `known` (n,) signs get 0.5.
     """
+    hidden = [j for j in range(effort.shape[1]) if known is None or not known[j]]
+    if not hidden:
+        return np.full_like(effort, 0.5)
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
     processes = _joints(effort, draws.mean(axis=2), moving, noise, rate, after)
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # both ends of a standstill take a wide step
     turns = _turns(moves)
-    probability = np.empty_like(effort)
+    probability = np.full_like(effort, 0.5)
     for start in range(0, len(effort), tuning.smoothed):
         stop = min(start + tuning.smoothed, len(effort))
         around = slice(max(0, start - tuning.overlap), min(len(effort), stop + tuning.overlap))
         joints = [
-            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process, tuning)
-            for j, process in enumerate(processes)
+            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], processes[j], tuning)
+            for j in hidden
         ]
         many = draws[around, 0].size > tuning.side_by_side  # for less work a fork takes longer
-        for j, mean in enumerate(in_parallel(joints) if many else (joint() for joint in joints)):
+        means = in_parallel(joints) if many else (joint() for joint in joints)
+        for j, mean in zip(hidden, means, strict=True):
             probability[start:stop, j] = mean[start - around.start : stop - around.start]
         progress(stop, len(effort))
     return probability

@@ -98,3 +98,17 @@ def test_an_outlier_is_no_proof_of_its_sign():
         assert found[40] == pytest.approx(up / (up + down), abs=1e-4)
         assert found[40] < 0.97
         assert np.delete(found, 40).min() > 0.99
+
+
+def test_joints_of_known_signs_are_not_smoothed():
+    """The others are smoothed as without them: the noise of a joint with known signs does not matter."""
+    rng = np.random.default_rng(3)
+    predicted, moving = np.sin(np.arange(400)[:, None] / [30.0, 20.0, 25.0]), np.ones((400, 3), dtype=bool)
+    effort = np.abs(predicted + 0.3 * rng.standard_normal((400, 3)))
+    noise = noise_of(0.3, 0.2, 0.05, 3)
+    whole = smooth(effort, predicted, moving, noise, RATE)
+    noise.white[1] = noise.coloured[1] = 7.0
+    found = smooth(effort, predicted, moving, noise, RATE, known=np.array([False, True, False]))
+    np.testing.assert_array_equal(found[:, [0, 2]], whole[:, [0, 2]])
+    np.testing.assert_array_equal(found[:, 1], 0.5)
+    assert np.all(smooth(effort, predicted, moving, noise, RATE, known=np.ones(3, dtype=bool)) == 0.5)
