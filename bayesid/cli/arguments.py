@@ -13,14 +13,14 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bayesid.cli.parser import WIDTH, Command, flag, make_parser, option, path, several, whole
-from bayesid.cli.shared import CHAIN, MOTION, READING, TERMS, WORK, out, reading_of_result, shared
+from bayesid.cli.shared import CHAIN, EXACT_GAINS, MOTION, READING, TERMS, WORK, out, reading_of_result, shared
 from bayesid.errors import missing
 from bayesid.study import STUDIES
 
 _STANDARD_TERMS = f"terms by default:\n  {TERMS}"
 _IDENTIFY = Command(
     "identify",
-    "identify signs, coefficients and feasible parameters from a log",
+    "identify signs and dynamic parameters from a log",
     [
         "bayesid identify log.csv --robot ur10e --out result",
         "bayesid identify currents.csv --robot my_robot.toml --gains 12,16~20%,unknown",
@@ -34,7 +34,7 @@ _IDENTIFY = Command(
         *shared("--robot --gains --unsigned --columns --degrees --config"),
         option(
             "--complete HOW",
-            "additional effects: auto, only-uncertainty or off",
+            "effects beyond --terms: auto, only-uncertainty, off",
             choices=("auto", "only-uncertainty", "off"),
             default="auto",
         ),
@@ -47,12 +47,13 @@ _IDENTIFY = Command(
         "several logs": [
             several("--payload LABEL:KG@LOG", "another log, with a payload (see below)"),
             flag("--each", "identify each log alone, and compare"),
-            *shared("--workers --scheduler"),
+            *shared("--workers", "with --each: processes (default: one per core)"),
+            *shared("--scheduler", "with --each: Dask cluster, tcp://HOST:PORT"),
         ],
         "model": [
             *shared("--terms --nominal --constraints"),
-            option("--links KG,M", "typical mass and size of a link (default: robot's)"),
-            option("--kinematic-tolerance L,A", "sd of the robot file (default: 1mm,0.1deg)"),
+            option("--links KG,M", "mass, size of a typical link (default: estimated)"),
+            option("--kinematic-tolerance L,A", "sd of lengths and angles (default: 1mm,0.1deg)"),
         ],
         "search and sampling": [
             option("--search certified|beam", "with proof, or T-PBPR (default: %(default)s)"),
@@ -61,7 +62,7 @@ _IDENTIFY = Command(
             option("--initial-segments S0", "beam: segments enumerated first", type=int, default=5),
             flag("--anyway", "search even if the log looks misread"),
             *shared("--posterior-budget --seed --time-limit"),
-            option("--mode K", "mode of the posterior to write", type=whole, default=1),
+            option("--mode K", "which mode of the posterior to write", type=whole, default=1),
         ],
         "result": [flag("--no-report", "skip report.html"), *shared("--strict")],
     },
@@ -69,6 +70,9 @@ _IDENTIFY = Command(
   a quoted pattern selects several logs: 'runs/*.csv'
   files of one recording are joined by time: positions.csv+currents.csv
   a TOML file lists them: [[logs]] file = "a.csv", payload = "tool1", mass = 2.8
+
+--complete: auto adds effects that the log shows; auto and only-uncertainty
+  widen intervals by effects that the log cannot exclude
 
 payloads: LABEL@LOG, KG@LOG or LABEL:KG~SD@LOG (default sd: 0.1 %)
 
@@ -91,7 +95,7 @@ _PREDICT = Command(
     ],
     [
         *shared("result"),
-        path("motion", "log or t,q1..qn[,dq1..dqn]"),
+        path("motion", "log, or a table t,q1..qn[,dq1..dqn]"),
         flag("--without-noise", "bands of the model, without measurement noise"),
         *out("file, or existing folder (default: torques.csv)", default=Path("torques.csv"), metavar="FILE.csv"),
     ],
@@ -108,9 +112,9 @@ _DISCREPANCY = Command(
     [
         *shared("result", "result folder; with --robot the earliest log"),
         path("logs", "log of the same robot; with --robot all later logs", nargs="*", metavar="log"),
-        *shared("--robot", "robot, without a result"),
-        *shared("--config", "without a result: options in TOML"),
-        path("--holdout LOG", "log for testing (default: blocks of the log)"),
+        *shared("--robot", "without a result: name, TOML file or URDF"),
+        *shared("--config", "without a result: file with options"),
+        path("--holdout LOG", "test log (default: held-back blocks of the log)"),
         *shared("--no-posterior --strict"),
         *out("folder (default: bayesid-discrepancy-LOG)"),
     ],
@@ -134,8 +138,8 @@ _PAYLOAD = Command(
     [
         *shared("result", "result of the robot without the payload"),
         *shared("log", "log of the same robot with the payload"),
-        option("--known-mass KG[~SD]", "calibrates the scale of the efforts"),
-        option("--common-sd SHARE", "scale error of all torques, as in 2%% (see below)"),
+        option("--known-mass KG[~SD]", "weighed mass; calibrates the scale of the efforts"),
+        option("--common-sd SHARE", "sd of the scale of all torques: 2%% (see below)"),
         *shared("--strict"),
         *out("folder for payload.json"),
     ],
@@ -161,13 +165,13 @@ _TRACK = Command(
     [
         *shared("result"),
         *shared("log", "log of the same robot; -: standard input"),
-        option("--lag S", "delay that allows smoothing, s", default=0.0),
-        flag("--follow", "answer rows of the standard input at once"),
+        option("--lag S", "output delay for surer signs, s", default=0.0),
+        flag("--follow", "live: answer each row of standard input at once"),
         option("--rate HZ", "sampling rate (default: by the time stamps)", type=float),
         *shared("--payload"),
         option(
             "--plot",
-            "also a figure stream.png; --plot svg",
+            "also draw stream.png; --plot svg: stream.svg",
             nargs="?",
             const="png",
             choices=("png", "svg"),
@@ -178,8 +182,8 @@ _TRACK = Command(
     ],
     sections={
         "alarms": [
-            option("--false-alarms PER_HOUR", "accepted rate", default=0.01),
-            flag("--explain", "explain each change; takes minutes"),
+            option("--false-alarms PER_HOUR", "accepted rate of false alarms", default=0.01),
+            flag("--explain", "find the effect behind each change; takes minutes"),
         ],
         **reading_of_result(),
     },
@@ -256,7 +260,9 @@ _FLOOR = Command(
     [
         path("log", "recording of a motion"),
         path("again", "second recording of the same motion"),
-        *shared("--robot --gains --unsigned --columns --degrees --config --strict"),
+        *shared("--robot"),
+        *shared("--gains", EXACT_GAINS),
+        *shared("--unsigned --columns --degrees --config --strict"),
         *out("JSON file with the table (default: none)", metavar="FILE"),
     ],
     sections={"robot": shared(CHAIN), "how the logs are read": shared("--encoding --topic --joints --correct")},
@@ -284,7 +290,7 @@ _ROBOT_NEW = Command(
     ],
     [
         option("table", "file, - or the table as text (default: template)", nargs="?"),
-        option("--convention NAME", "standard or modified", choices=("standard", "modified")),
+        option("--convention NAME", "Denavit-Hartenberg: standard or modified", choices=("standard", "modified")),
         option("--name NAME", "robot's name (default: the file's)"),
         *out("file to write", required=True, metavar="FILE.toml"),
     ],
@@ -294,7 +300,7 @@ convention: see docs/how-to/data-sheet-robot.md""",
 )
 _ROBOT_SHOW = Command(
     "show",
-    "show positions of joints and flange, to compare with the controller",
+    "show joint and flange positions, to check a file",
     [
         "bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out kr6r900.png",
         "bayesid robot show two_arms.urdf --tip left_flange",
@@ -320,7 +326,7 @@ _DEMO = Command(
     ["bayesid demo --out demo", "bayesid demo --search beam --paper --out letter"],
     [
         option("--search certified|beam", "with proof, or T-PBPR (default: %(default)s)"),
-        flag("--paper", "exactly the paper's search, with nodes.csv"),
+        flag("--paper", "exactly the paper's search; writes nodes.csv"),
         *shared("--seed --posterior-budget --strict"),
         *out("result folder (default: bayesid-demo)", default=Path("bayesid-demo")),
     ],
@@ -338,10 +344,10 @@ _STUDY = Command(
     [
         option("name", "see below", choices=STUDIES.keys(), metavar="NAME"),
         option("--trials N", "number of trials (default: the study's)", type=whole),
-        *shared("--seed", "of the first trial"),
+        *shared("--seed", "seed of the first trial"),
         *shared("--workers --scheduler"),
         flag("--resume", "keep the trials that are done"),
-        flag("--floor", "real: exit code 1 if a figure is below its floor"),
+        flag("--floor", "study `real`: exit code 1 if a figure is too low"),
         *out("folder (default: bayesid-study-NAME)"),
     ],
     more="\n".join(["studies:", *(_study(name, question) for name, question in STUDIES.items())]),
@@ -350,7 +356,7 @@ _COMPLETION = Command(
     "completion",
     "print a script for completion in your shell",
     ["bayesid completion bash > ~/.local/share/bash-completion/completions/bayesid"],
-    [option("shell", "%(choices)s", choices=("bash", "zsh", "tcsh"))],
+    [option("shell", "your shell", choices=("bash", "zsh", "tcsh"))],
 )
 BAYESID = Command(
     "bayesid",
@@ -362,7 +368,7 @@ BAYESID = Command(
         "bayesid discrepancy result another_log.csv --out extended",
         "bayesid excite --for result --out next",
     ],
-    [option("--version", action="version", version=f"bayesid {version('bayesid')}")],
+    [option("--version", action="version", version=f"bayesid {version('bayesid')}", help="show the version")],
     commands=[
         *(_IDENTIFY, _VALIDATE, _PREDICT, _DISCREPANCY, _PAYLOAD, _TRACK, _REPORT, _FLOOR, _EXCITE, _SIMULATE),
         *(_ROBOT_FILES, _DEMO, _STUDY, _COMPLETION),

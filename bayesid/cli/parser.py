@@ -206,7 +206,7 @@ def _fill(parser: Parser, kind: str, files: Any) -> None:
                 vars(action)["complete"] = files
     if command.commands:
         below = parser.add_subparsers(
-            required=True, dest=kind, metavar=kind.upper(), prog=parser.prog, parser_class=Parser
+            required=True, dest=kind, metavar="COMMAND", prog=parser.prog, parser_class=Parser
         )
         for one in command.commands:
             parser.commands[one.name] = below.add_parser(one.name, help=one.purpose, command=one)

@@ -16,7 +16,8 @@ MOTION = "--degrees --columns --topic --joints --correct"
 """Options for reading a motion."""
 READING = f"--gains --unsigned --encoding {MOTION}"
 """Options for reading a log, see `bayesid.read_log`."""
-WORK = "work of the search, about seconds"
+EXACT_GAINS = "drive gains of all joints, N m/A"
+WORK = "work of the search, nominal seconds"
 _SHARED = dict(
     [
         path("result", "folder that `bayesid identify` wrote"),
@@ -24,30 +25,32 @@ _SHARED = dict(
         option("--robot ROBOT", "name (`bayesid robot list`), TOML file or URDF"),
         option("--tip LINK", "URDF: last link (default: all but grippers)"),
         option("--hold JOINT=Q,..", "URDF: joints fixed at a position, rad or m"),
-        option("--gravity X,Y,Z", "m/s^2 in the base frame; ceiling: 0,0,9.81"),
+        option("--gravity X,Y,Z", "in the base frame, m/s^2; on a ceiling: 0,0,9.81"),
         option("--terms NAME,..", "standard effects of the model (default: see below)", default=TERMS),
         path("--constraints TOML", "bounds on parameters: total_mass = [27, 31]"),
         path("--nominal CSV", "known parameters: name,mean,sd"),
         option("--cutoff HZ", "low-pass cut-off (default: from the data)", type=float),
-        option("--gains K1,K2,..", "N m/A per joint; to estimate: 12~20%% or unknown"),
-        option("--unsigned JOINTS", "without signs: all, none or 1,3 (default: auto)"),
-        option("--encoding CODE", "of signs in unsigned numbers: twos:16"),
-        option("--degrees", "unit of positions without a unit: degrees or rad", action=argparse.BooleanOptionalAction),
-        option("--columns t=..,q=..", "names of columns: t=Zeit,q=A{},i=I{}; or TOML"),
+        option("--gains K1,K2,..", "drive gains, N m/A; to estimate: 12~20%% or unknown"),
+        option("--unsigned JOINTS", "joints of |effort|: all, none, 1,3 (default: auto)"),
+        option("--encoding CODE", "code of signs in the log: twos:16, sign-bit:10"),
+        option(
+            "--degrees", "positions without a unit are in degrees, or in rad", action=argparse.BooleanOptionalAction
+        ),
+        option("--columns t=..,q=..", "t=Zeit,q=A{},i=I{}; {}: joint number; or TOML file"),
         option("--topic /NAME", "ROS bag: topic of the joint states"),
-        option("--joints A,B,..", "ROS bag: names of joints from base to tip"),
+        option("--joints A,B,..", "the log's joint names, from base to tip"),
         option("--correct q2=-q2,..", "exchange, flip, scale or shift joints"),
-        path("--config FILE", f"options: TOML or result (default: {CONFIG})"),
+        path("--config FILE", f"file or result with options (default: {CONFIG})"),
         option("--max-memory GB", "memory limit (default: 80 %% of the machine's)", type=float),
         option("--search-budget S", WORK, type=float),
         flag("--no-posterior", "skip sampling: faster, approximate intervals"),
-        option("--posterior-budget S", "work of sampling, about seconds", default=60.0),
+        option("--posterior-budget S", "work of sampling, nominal seconds", default=60.0),
         option("--noise REL", "noise over each joint's RMS effort", default=0.05),
-        option("--seed K", "of all random numbers", type=seed, default=0),
-        option("--time-limit S", "limit of search and of sampling, s", default=600.0),
+        option("--seed K", "seed of all random numbers", type=seed, default=0),
+        option("--time-limit S", "limit of search, and of sampling, s", default=600.0),
         option("--workers K", "processes (default: one per core)", type=whole),
         option("--scheduler ADDRESS", "Dask cluster: tcp://HOST:PORT"),
-        option("--payload LABEL", "what the flange carries (default: nothing)", default=""),
+        option("--payload LABEL", "label of the payload on the flange (default: none)", default=""),
         option("--duration S", "length of the motion, s", default=20.0),
         option("--rate HZ", "sampling rate of the file, Hz", default=100.0),
         path("--out DIR", ""),
@@ -73,7 +76,8 @@ def reading_of_result() -> dict[str, list[Option]]:
     """Options for reading a log with a result, where it differs from the result's log."""
     return {
         "how the log is read (default: as the result's log)": [
-            *shared("--gains", "N m/A per joint"),
-            *shared(f"--unsigned --encoding {MOTION}"),
+            *shared("--gains", EXACT_GAINS),
+            *shared("--unsigned", "joints with |effort|: all, none or 1,3"),
+            *shared(f"--encoding {MOTION}"),
         ]
     }

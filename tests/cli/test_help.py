@@ -33,7 +33,7 @@ def test_the_first_help_is_short_and_names_the_other(command, capfd):
     if names < every:
         assert short.splitlines()[-1] == f"all options: bayesid {command} --help-all"
     for line in options_of(whole):
-        assert re.search(r"\S  +\S", line[2:]) or "--version" in line, "an option has its help on its line"
+        assert re.search(r"\S  +\S", line[2:]), "an option has its help on its line"
         assert not whole.partition(f"{line}\n")[2].startswith(" " * 10), "and on one line"
 
 
