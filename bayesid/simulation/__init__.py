@@ -1,1 +1,1 @@
-"""Logs given parameters: trajectories, simulated logs, the paper's experiment."""
+"""Simulated logs: trajectories, parameters, added effects, and the paper's robot."""

@@ -1,8 +1,8 @@
 """The robot of Gaz and De Luca, "Identification of Robot Dynamics from Motor Currents/Torques with Unknown Signs".
 
 Table I, the Denavit-Hartenberg table of a KUKA KR5 Sixx R650, is the built-in robot `kr5-paper`. Table II lists 27
-dynamic coefficients of it, with the values simulated and those estimated without signs. Each of the 27 lies in the row
-space of the robot's regressor.
+dynamic coefficients with their simulated values and their estimates without signs. Each lies in the row space of the
+robot's regressor.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _LINKS = 6
 class TableRow(NamedTuple):
     """One line of Table II."""
 
-    number: int  # its number in the table
-    expression: str  # the coefficient as printed, squares written ^2, M_i = m_i + ... + m_6
-    nominal: float  # the value simulated, SI units
+    number: int  # in the table
+    expression: str  # of the coefficient, squares written ^2, M_i = m_i + ... + m_6
+    nominal: float  # simulated value, SI units
     published: float  # the paper's estimate without signs, SI units
 
     @property
@@ -40,7 +40,7 @@ class TableRow(NamedTuple):
 
 @cache
 def _symbols() -> dict[str, Any]:
-    """The lengths of Table I, m, and (60,) what the parameters, and sums of masses up to the tip, are made of."""
+    """The lengths of Table I, m, and unit vectors (60,) of parameters and of sums of masses up to the tip."""
     model = paper_model()
     units = {parameter.name: row for parameter, row in zip(model.parameters, np.eye(10 * _LINKS), strict=True)}
     masses = [units[f"m{i}"] for i in range(1, _LINKS + 1)]

@@ -1,4 +1,4 @@
-"""Plausible parameters of any model."""
+"""Random plausible parameters of a model."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from bayesid.simulation.tuning import TUNING
 
 
 def random_parameters(model: Model, *, rng: np.random.Generator | int | None = 0) -> Array:
-    """(P,) plausible parameters of any model, strictly inside its cone and without symmetries.
+    """(P,) random plausible parameters of a model, strictly inside its cone and without symmetries.
 
-    Bodies have the size of their link. The effort of every other parameter is a share of the bodies' effort: 5 to 25 %
-    if it is nonnegative (friction, rotor inertia), 1 to 5 % if it has either sign (offsets). Without bodies in the
-    model the share is of 1 N m.
+    Bodies have the size of their link. The effort of every other parameter is a share of the bodies' effort (without
+    bodies: of 1 N m): 5 to 25 % if it is nonnegative (friction, rotor inertia), 1 to 5 % otherwise (offsets).
 
     Args:
-        model: P parameters.
-        rng: a seed, a generator, or None for others each time.
+        model: with P parameters.
+        rng: a seed, a generator, or None for a random seed.
 
     Example:
         >>> theta = bayesid.random_parameters(model, rng=0)
@@ -35,20 +34,20 @@ def random_parameters(model: Model, *, rng: np.random.Generator | int | None = 0
     for body in cone.bodies:
         link = model.parameters[body[0]].joint - 1
         theta[body] = random_body(ends[link], masses[link], radii[link], rng)
-    shape = (200, model.robot.n_joints)  # unrelated instants at the speeds of an industrial arm at work
+    shape = (200, model.robot.n_joints)  # random samples at usual speeds of an industrial arm
     q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (2.0, 2.0, 5.0))
     columns = model.columns(Motion(np.arange(200.0), q, dq, ddq))  # without payloads, which are all bodies
     others = np.setdiff1d(np.arange(cone.size), cone.bodies)
     shares = rng.uniform(*TUNING.of_either_sign, cone.size) * rng.choice([-1.0, 1.0], cone.size)
     shares[cone.nonnegative] = rng.uniform(*TUNING.of_one_sign, len(cone.nonnegative))
     effort, each = rms(columns @ theta), rms(columns[:, :, others])
-    strongest = np.argmax(each, axis=0)  # the joint that a parameter acts on most
+    strongest = np.argmax(each, axis=0)  # joint with the largest effort of a parameter
     theta[others] = shares[others] * (or_one(effort)[strongest] / or_one(np.max(each, axis=0)))
     return theta
 
 
 def or_one(size: Array) -> Array:
-    """Sizes to divide by, with 1 in place of 0."""
+    """Divisors, with 1 in place of 0."""
     return np.where(size > 0.0, size, 1.0)
 
 
@@ -59,7 +58,7 @@ def rms(values: Array) -> Array:
 
 
 def _random_masses(n_joints: int, reach: float, rng: np.random.Generator) -> Array:
-    """(n,) masses, kg, each link lighter than the one before it."""
+    """(n,) masses, kg, decreasing towards the tip."""
     total = TUNING.kg_per_m * reach * rng.uniform(*TUNING.weight)
     relative = np.cumprod(rng.uniform(*TUNING.taper, n_joints))
     masses: Array = total * relative / relative.sum()
@@ -67,7 +66,7 @@ def _random_masses(n_joints: int, reach: float, rng: np.random.Generator) -> Arr
 
 
 def random_body(ends: Array, mass: float, radius: float, rng: np.random.Generator) -> Array:
-    """(10,) parameters of a lopsided rod between `ends` (2, 3): a positive definite spread about its centre of mass."""
+    """(10,) parameters of an asymmetric rod between `ends` (2, 3), with a positive definite pseudo-inertia."""
     along = ends[1] - ends[0]
     centre = ends[0] + rng.uniform(0.3, 0.7) * along + radius * rng.uniform(-0.5, 0.5, 3)
     axes = np.linalg.qr(rng.standard_normal((3, 3)))[0] * (radius * rng.uniform(0.5, 1.0, 3))

@@ -1,8 +1,7 @@
-"""Periodic trajectories within limits, random ones and ones that excite a model, and the condition number.
+"""Periodic trajectories within limits, random or exciting, and the condition number.
 
 Each joint follows a finite Fourier series (Swevers, Ganseman, Tukel, De Schutter and Van Brussel, "Optimal robot
-excitation and identification", IEEE Trans. Robotics and Automation 1997). It is scaled until the joint reaches one of
-its limits; the shape is free.
+excitation and identification", IEEE Trans. Robotics and Automation 1997), scaled until it reaches one of its limits.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ HARMONICS = 5
 """As in Swevers et al. 1997."""
 _FLOOR = 1e-14  # smallest ratio of eigenvalues above rounding: keeps the objective finite where columns are dependent
 UNEXCITED = -0.5 * float(np.log(1e2 * _FLOOR))
-"""Logarithm of a condition number that a Gram matrix does not distinguish from infinity."""
+"""Logarithm of a condition number that rounding of a Gram matrix does not distinguish from infinity."""
 
 
 @dataclass(frozen=True)
 class MotionLimits:
-    """Limits of the joints, one number for all or one each; the defaults suit most small industrial arms.
+    """Limits of the joints, one number for all or one per joint; the defaults suit most small industrial arms.
 
     Attributes:
-        lower: lowest position, rad (m for a prismatic joint); the others' units follow from it.
-        jerk: None without a limit. Only searched motions keep it.
-        effort: largest |effort| of the actuators, N m; None without a limit. Only motions for a result keep it
+        lower: lowest position, rad (m for a prismatic joint); the other units follow.
+        jerk: None for no limit. Applies to designed motions only.
+        effort: largest |effort| of the actuators, N m; None for no limit. Applies to motions after a result only
             (`bayesid.design_excitation`).
     """
 
@@ -48,7 +47,7 @@ class MotionLimits:
 
     def __post_init__(self) -> None:
         if not np.all(np.subtract(self.upper, self.lower) > 0.0):
-            raise ValueError("the upper position limit must lie above the lower one")
+            raise ValueError("the upper position limit must be above the lower one")
         for name in ("velocity", "acceleration", "jerk", "effort"):
             limit = getattr(self, name)
             if limit is not None and not np.all(np.greater(limit, 0.0)):
@@ -75,7 +74,7 @@ class FourierTrajectory:
             raise ValueError(f"the fundamental frequency must be positive, not {self.frequency} Hz")
 
     def motion(self, t: Array) -> Motion:
-        """Positions and their exact derivatives at the instants t (N,), s."""
+        """Positions and their exact derivatives at times t (N,), s."""
         omega = 2 * np.pi * self.frequency * np.arange(1, self.sine.shape[1] + 1)
         sin, cos = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
         q = sin @ self.sine.T + cos @ self.cosine.T
@@ -93,18 +92,18 @@ def random_trajectory(
     harmonics: int = HARMONICS,
     periods: int = 1,
 ) -> FourierTrajectory:
-    """A random trajectory of n joints that uses the limits but is not optimised.
+    """A random trajectory of n joints that reaches the limits, not optimised.
 
     Args:
-        n_joints: n.
+        n_joints: number of joints n.
         duration: of the motion, s.
-        rng: of the shape: a seed, a generator, or None for another one each time.
-        limits: of the joints; they hold at every instant, not only at samples.
-        harmonics: sines and cosines a joint.
+        rng: of the shape: a seed, a generator, or None for a random seed.
+        limits: of the joints; they hold at every instant.
+        harmonics: number of harmonics per joint.
         periods: whole number of periods in the duration.
 
     Raises:
-        ValueError: a duration or number that is not positive, or limits for another number of joints.
+        ValueError: a duration or number is not positive, or limits are for another number of joints.
 
     Example:
         >>> trajectory = bayesid.random_trajectory(robot.n_joints, duration=4.0, rng=1)
@@ -116,7 +115,7 @@ def random_trajectory(
 
 
 def fundamental(duration: float, harmonics: int, periods: int) -> float:
-    """The fundamental frequency, Hz, of so many periods in a duration, s; ValueError if a number is out of range."""
+    """Fundamental frequency, Hz, for a number of periods in a duration, s; ValueError if a number is out of range."""
     if not 0.0 < duration < np.inf:
         raise ValueError(f"the duration must be positive, not {duration} s")
     if harmonics < 1 or periods < 1:
@@ -124,29 +123,30 @@ def fundamental(duration: float, harmonics: int, periods: int) -> float:
     return periods / duration
 
 
-def instants(harmonics: int) -> int:
-    """Enough for the highest harmonic of the accelerations, and for a tight bound between the instants."""
-    return max(TUNING.instants, 20 * harmonics)
+def samples_of_period(harmonics: int) -> int:
+    """Samples per period: enough for a tight bound between them, `within_limits`."""
+    return max(TUNING.samples, 20 * harmonics)
 
 
 def random_shape(n_joints: int, harmonics: int, rng: np.random.Generator) -> Array:
-    """(n, 2 H + 1) relative amplitudes of sines and cosines, alike in velocity, and relative shifts of the centres."""
+    """(n, 2 H + 1) relative amplitudes of sines and cosines, equal in velocity, and relative shifts of the centres."""
     waves = rng.standard_normal((n_joints, 2, harmonics)) / np.arange(1, harmonics + 1)
     return np.column_stack([waves.reshape(n_joints, -1), rng.uniform(-1.0, 1.0, n_joints)])
 
 
 def within_limits(shape: Array, frequency: float, limits: MotionLimits) -> FourierTrajectory:
-    """The trajectory of a shape (n, 2 H + 1), each joint stretched until it touches the first of its limits.
+    """The trajectory of a shape (n, 2 H + 1), each joint scaled until it reaches the first of its limits.
 
-    Between N even instants a trigonometric polynomial of degree H is at most 1 / cos(pi H / N) times as large as at
-    them (Ehlich and Zeller, "Schwankung von Polynomen zwischen Gitterpunkten", 1964), so the limits hold everywhere.
+    Between N evenly spaced samples a trigonometric polynomial of degree H is at most 1 / cos(pi H / N) times its
+    largest sample (Ehlich and Zeller, "Schwankung von Polynomen zwischen Gitterpunkten", 1964). So limits hold at every
+    instant.
     """
     n, harmonics = len(shape), shape.shape[1] // 2
     names = ("lower", "upper", "velocity", "acceleration")
     lower, upper, velocity, acceleration = (np.broadcast_to(getattr(limits, name), n) for name in names)
     half = (upper - lower) / 2
     shift = TUNING.shift * half * np.clip(shape[:, -1], -1.0, 1.0)
-    count = instants(harmonics)
+    count = samples_of_period(harmonics)
     wave = FourierTrajectory(frequency, shape[:, :harmonics], shape[:, harmonics:-1], np.zeros(n))
     motion = wave.motion(np.arange(count) / count / frequency)
     bounds = zip((half - np.abs(shift), velocity, acceleration), (motion.q, motion.dq, motion.ddq), strict=True)
@@ -171,27 +171,27 @@ def exciting_trajectory(
     Args:
         model: to be identified.
         coefficients: its base coefficients.
-        duration: length of the motion, s.
-        seed: of the random draws; each seed ends in another trajectory.
-        limits: of the joints; they hold at every instant, not only at samples.
-        harmonics: sines and cosines a joint.
+        duration: of the motion, s.
+        seed: of the random draws.
+        limits: of the joints; they hold at every instant.
+        harmonics: number of harmonics per joint.
         periods: whole number of periods in the duration.
-        evaluations: of the condition number, about, for the improvement; the default takes about a second for six
-            joints, ten times as many gain another tenth.
+        evaluations: approximate number of evaluations of the condition number; the default takes about 1 s for six
+            joints, ten times as many lower it by another 10 %.
     """
     rng, n = np.random.default_rng(seed), model.robot.n_joints
     frequency = fundamental(duration, harmonics, periods)
-    grid = np.arange(instants(harmonics)) / instants(harmonics) / frequency
+    grid = np.arange(samples_of_period(harmonics)) / samples_of_period(harmonics) / frequency
 
     def objective(shape: Array) -> float:
-        """The logarithm of the condition number, three times as fast: from the eigenvalues of the Gram matrix."""
+        """Logarithm of the condition number, from the eigenvalues of the Gram matrix."""
         motion = within_limits(shape.reshape(n, -1), frequency, limits).motion(grid)
         columns = _scaled_columns(model, coefficients, motion)
         return _log_ratio(np.linalg.eigvalsh(columns.T @ columns))
 
     draws = [random_shape(n, harmonics, rng).ravel() for _ in range(TUNING.draws)]
     start = min(draws, key=objective)
-    iterations = max(1, evaluations // (len(start) + 1))  # SLSQP differences every variable once an iteration
+    iterations = max(1, evaluations // (len(start) + 1))  # finite differences of every variable per iteration
     result = scipy.optimize.minimize(
         objective, start, method="SLSQP", options={"maxiter": iterations, "ftol": TUNING.precision}
     )
@@ -209,7 +209,7 @@ def condition_number(model: Model, coefficients: BaseCoefficients, motion: Motio
 
 
 def log_condition_of(gram: Array) -> float:
-    """The logarithm of `condition_number` from the Gram matrix (r, r) of all rows, its columns of any length."""
+    """Logarithm of `condition_number` from the Gram matrix (r, r) of all rows, for columns of any length."""
     scale = 1.0 / or_one(np.sqrt(np.diag(gram)))
     return _log_ratio(np.linalg.eigvalsh(scale[:, None] * gram * scale))
 
@@ -219,6 +219,6 @@ def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
 
 
 def _scaled_columns(model: Model, coefficients: BaseCoefficients, motion: Motion) -> Array:
-    """(N n, r) columns of length one; a column of zeros stays."""
+    """(N n, r) columns of unit length; zero columns stay zero."""
     columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     return columns / or_one(np.linalg.norm(columns, axis=0))

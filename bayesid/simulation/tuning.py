@@ -1,4 +1,4 @@
-"""Numbers of this package that are choices."""
+"""Constants of this package."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Choices; `TUNING` holds those in use."""
+    """Constants; `TUNING` holds those in use. Without a source they are chosen, not measured."""
 
     # motions
-    instants: int = 100
-    """Fewest instants for a motion's condition number; 667 instants change it by less than 1 %."""
+    samples: int = 100
+    """Fewest samples for a motion's condition number; 667 samples change it by less than 1 %."""
     shift: float = 0.5
     """Largest shift of a joint's centre from mid-range, as a share of half the range. More leaves less amplitude."""
     draws: int = 20
@@ -42,7 +42,7 @@ class Tuning:
     """Smallest magnitude of a distortion in the search for its level, as a share of the largest; then it is doubled."""
     xtol: float = 1e-6
     """Relative tolerance of the magnitude in that search."""
-    grip: tuple[float, float] = (0.2, 0.04)
+    payload: tuple[float, float] = (0.2, 0.04)
     """m, length and radius of a simulated payload: a gripper with a workpiece."""
 
 

@@ -1,4 +1,4 @@
-"""Many tasks on many cores: separate logs, whether their results agree, and the list of all studies."""
+"""Separate logs and their agreement, the runner of many tasks, and the list of studies."""
 
 STUDIES = {
     "noise": "how much noise may the efforts have?",

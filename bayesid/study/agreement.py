@@ -1,11 +1,11 @@
 """Whether separate runs of one robot agree within their standard deviations.
 
 Estimates of a coefficient from K independent logs scatter by their standard deviations, if these are right and the
-robot did not change. The weighted mean and chi-square (Birge 1932; Cochran's Q) test that for each coefficient. More
-scatter means errors that a single log cannot show: missing effects, gains, temperature, another payload.
+robot did not change. The weighted mean and chi-square (Birge 1932; Cochran's Q) test this for each coefficient. More
+scatter means errors that a single log does not show: missing effects, gains, temperature, another payload.
 
-A prior shared by the runs pulls all of them to the same value, so coefficients dominated by it scatter less.
-Coefficients of one run are correlated: several may differ, or agree, together.
+A common prior pulls all runs to the same value, so coefficients that it dominates scatter less. Coefficients of one run
+are correlated: several may differ, or agree, together.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Agreement:
-    """C coefficients of K separate runs; NaN where a number is undefined."""
+    """C coefficients of K separate runs; NaN for undefined numbers."""
 
     n_runs: int  #: K
-    names: tuple[str, ...]  #: (C,) parameter that each is built on
+    names: tuple[str, ...]  #: (C,) of the coefficients
     #: (C,) in the standard parameters; the same name with another expression is another coefficient
     expressions: tuple[str, ...]
     units: tuple[str, ...]  #: (C,)
     shared: Mask  #: (C,) whether every run's model has it
-    runs: Integers  #: (C,) k, how many runs decide it: their standard deviation is finite
+    runs: Integers  #: (C,) k, number of runs that determine it: their standard deviation is finite
     mean: Array  #: (C,) over these runs, weighted with 1 / sd^2, in the coefficient's unit
     sd: Array  #: (C,) of that mean, if the runs' standard deviations are right: (sum of 1 / sd^2)^-1/2; inf if k = 0
     spread: Array  #: (C,) sample standard deviation of the runs' means (divided by k - 1); needs k >= 2, as all below
@@ -50,15 +50,15 @@ class Agreement:
 
     @property
     def compared(self) -> Mask:
-        """(C,) whether two runs or more decide it."""
+        """(C,) whether two runs or more determine it."""
         return self.dof > 0
 
     @property
     def ratio(self) -> Array:
-        """(C,) spread over typical standard deviation: its square is 1 on average where these are right.
+        """(C,) spread over typical standard deviation: its square is 1 on average if these are right.
 
-        Where all runs are equally sure this is the Birge ratio, the root of chi-square over its degrees of freedom
-        (R. T. Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40, 207, 1932).
+        With equal standard deviations it is the Birge ratio, the root of chi-square over its degrees of freedom (R. T.
+        Birge, "The calculation of errors by the method of least squares", Phys. Rev. 40, 207, 1932).
         """
         return self.spread / self.typical_sd
 
@@ -80,10 +80,10 @@ class Agreement:
 
     @property
     def beyond_chance(self) -> bool:
-        """Whether runs with right standard deviations would differ so with a probability of about 0.001.
+        """Whether such differences have a probability below about 0.001 if standard deviations are right.
 
-        Either many coefficients differ, or one differs by much (Bonferroni's bound). The first assumes independent
-        coefficients; with the correlations of a UR10e's posterior its probability is 0.003 to 0.005.
+        Either many coefficients differ, or one differs by much (Bonferroni's bound). The first test assumes independent
+        coefficients; with the correlations of a UR10e's posterior its level is 0.003 to 0.005.
         """
         number, count = int(self.compared.sum()), int(self.differing.sum())
         many = number > 0 and bdtrc(count - 1, number, TUNING.level) < TUNING.chance
@@ -93,13 +93,15 @@ class Agreement:
     def sentence(self) -> str:
         """The result as one sentence."""
         number, k, absent = int(self.compared.sum()), self.n_runs, int((~self.shared).sum())
-        apart = f"; {absent} coefficient{' is' if absent == 1 else 's are'} not in every run's model" if absent else ""
+        missing = (
+            f"; {absent} coefficient{' is' if absent == 1 else 's are'} not in every run's model" if absent else ""
+        )
         if not number:
-            return f"the {k} runs cannot be compared: no coefficient is identifiable in two of them{apart}"
+            return f"the {k} runs cannot be compared: no coefficient is identifiable in two of them{missing}"
         times = f"{self.factor:.1f} times that expected from their standard deviations"
         of = f"(median of {number} coefficient{'s' * (number > 1)}, {k} runs)"
         differing = f"{int(self.differing.sum())} of {number} differ at 1 %"
-        count = f"{differing}, chance alone gives {TUNING.level * number:.2g}{apart}"
+        count = f"{differing}, {TUNING.level * number:.2g} expected by chance{missing}"
         if self.factor > TUNING.alike:
             chance = "" if self.beyond_chance else ", which may be chance"
             return f"scatter between runs is {times} {of}{chance}: {count}"
@@ -112,10 +114,10 @@ class Agreement:
 def agreement(runs: Sequence[Sequence[Row]]) -> Agreement:
     """Compares the coefficients of separate runs.
 
-    A run that lacks a coefficient, or does not decide it (infinite standard deviation), is left out for that one.
+    A run that lacks a coefficient, or does not determine it (infinite standard deviation), is left out for it.
 
     Args:
-        runs: two or more, the rows of each run's coefficients.csv (numbers, or text that is a number).
+        runs: two or more, the rows of each run's coefficients.csv, with numbers or text.
 
     Raises:
         InputError: there are fewer than two runs, or a run holds a coefficient twice.
@@ -147,15 +149,15 @@ def _by_coefficient(run: Sequence[Row]) -> dict[tuple[str, str, str], tuple[floa
 
 
 def _statistics(mean: Array, sd: Array, decided: Mask) -> dict[str, Any]:
-    """All columns of an `Agreement` that are numbers, from (K, C) means, sds and who decides what.
+    """Numerical fields of an `Agreement`, from (K, C) means, sds and which runs determine a coefficient.
 
-    Where a run does not decide a coefficient the sd is infinite, so that its weight is 0. Cochran's Q as in W. G.
-    Cochran, "The combination of estimates from different experiments", Biometrics 10, 101, 1954.
+    The sd is infinite, and the weight 0, if a run does not determine a coefficient. Cochran's Q as in W. G. Cochran,
+    "The combination of estimates from different experiments", Biometrics 10, 101, 1954.
     """
     k = decided.sum(axis=0)
     several = k >= 2
     weight = 1.0 / sd**2
-    with np.errstate(divide="ignore", invalid="ignore"):  # of coefficients that no run, or a single run, decides: NaN
+    with np.errstate(divide="ignore", invalid="ignore"):  # NaN for coefficients that fewer than two runs determine
         pooled = (weight * mean).sum(axis=0) / weight.sum(axis=0)
         of_mean = 1.0 / np.sqrt(weight.sum(axis=0))
         centre = mean.sum(axis=0) / k
@@ -175,13 +177,13 @@ def _statistics(mean: Array, sd: Array, decided: Mask) -> dict[str, Any]:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What the user sees
+# Output
 # ---------------------------------------------------------------------------------------------------------------
 _COLUMNS = ("runs", "mean", "sd", "spread", "typical_sd", "ratio", "chi_square", "dof", "p")
 
 
 def rows(agreement: Agreement) -> list[dict[str, object]]:
-    """agreement.csv: one row a coefficient, in the order of the runs; empty where nothing can be said."""
+    """agreement.csv: one row per coefficient, in the order of the runs; empty for undefined numbers."""
     values = {name: getattr(agreement, name).tolist() for name in _COLUMNS}
     labels = zip(agreement.names, agreement.expressions, agreement.units, strict=True)
     return [
@@ -192,7 +194,7 @@ def rows(agreement: Agreement) -> list[dict[str, object]]:
 
 
 def text(agreement: Agreement) -> str:
-    """What to print: the sentence, and the ten coefficients that differ most by their ratio."""
+    """Text for the terminal: the sentence, and a table of the coefficients with the largest ratios."""
     worst = np.flatnonzero(agreement.compared)
     worst = worst[np.argsort(-agreement.ratio[worst], kind="stable")][: TUNING.worst_coefficients]
     if not len(worst):
@@ -201,7 +203,7 @@ def text(agreement: Agreement) -> str:
     for c in worst:
         name, mean = f"{agreement.names[c]}, {agreement.units[c]}", f"{agreement.mean[c]:.4g}"
         spread, typical = f"{agreement.spread[c]:.3g}", f"{agreement.typical_sd[c]:.3g}"
-        how = f"{agreement.ratio[c]:.1f}", f"{agreement.p[c]:.1g}"
-        rows.append([name, str(agreement.runs[c]), mean, spread, typical, *how])
+        tests = f"{agreement.ratio[c]:.1f}", f"{agreement.p[c]:.1g}"
+        rows.append([name, str(agreement.runs[c]), mean, spread, typical, *tests])
     headings = ["coefficient", "runs", "mean", "spread", "typical sd", "ratio", "p"]
     return f"{agreement.sentence}\n{table(headings, rows)}"

@@ -1,7 +1,7 @@
-"""Several logs of one robot, each identified by itself on the runner, and whether the results agree.
+"""Several logs of one robot, identified separately, and the agreement of the results.
 
-Pooled logs (`bayesid.read_log`) give one model with smaller standard deviations. Separate results test whether the
-standard deviations are right.
+Logs that are identified together (`bayesid.read_log`) give one model with smaller standard deviations. Separate results
+test whether the standard deviations are right.
 """
 
 from __future__ import annotations
@@ -39,29 +39,29 @@ _REMEDY = "give `folder` a new folder"
 
 @dataclass(frozen=True)
 class Run:
-    """What became of one log."""
+    """Outcome of one log."""
 
     log: Path  #: its file
     folder: Path  #: its result folder
-    error: str = ""  #: why there is none, in the words of the command line, as runs.csv has it; empty if there is
-    bad_input: bool = False  #: whether that is a fault of the log or an option
+    error: str = ""  #: why there is no result; empty if there is one
+    bad_input: bool = False  #: whether the error is of the log or an option
     figures: Mapping[str, Any] = field(default_factory=dict)  #: for runs.csv
     coefficients: Sequence[Mapping[str, Any]] = ()  #: rows of its coefficients.csv
-    warnings: Sequence[str] = ()  #: what the user should know
+    warnings: Sequence[str] = ()  #: of the identification
 
 
 @dataclass(frozen=True)
 class BatchResult:
-    """Runs, in the order of the logs, and how well they agree; None with fewer than two results."""
+    """Results of several logs and their agreement."""
 
-    runs: tuple[Run, ...]
-    agreement: Agreement | None
+    runs: tuple[Run, ...]  #: in the order of the logs
+    agreement: Agreement | None  #: None with fewer than two results
 
     def __repr__(self) -> str:
-        found = [run.error or f"{len(run.coefficients)} coefficients in {run.folder}" for run in self.runs]
-        said = "nothing to compare" if self.agreement is None else f"{len(self.agreement.names)} coefficients compared"
-        heads = [f"{run.log}: {one}" for run, one in zip(self.runs, found, strict=True)]
-        return "\n  ".join([f"BatchResult: {len(self.runs)} logs, {said}", *heads])
+        outcomes = [run.error or f"{len(run.coefficients)} coefficients in {run.folder}" for run in self.runs]
+        count = "nothing to compare" if self.agreement is None else f"{len(self.agreement.names)} coefficients compared"
+        lines = [f"{run.log}: {outcome}" for run, outcome in zip(self.runs, outcomes, strict=True)]
+        return "\n  ".join([f"BatchResult: {len(self.runs)} logs, {count}", *lines])
 
 
 def identify_each(  # noqa: PLR0913  of one identification, and of the batch
@@ -77,24 +77,25 @@ def identify_each(  # noqa: PLR0913  of one identification, and of the batch
     progress: Progress | Show = SILENT,
     **options: Any,
 ) -> BatchResult:
-    """Identifies a robot from each log by itself; results are saved in a folder for each, named like its log.
+    """Identifies a robot from each log separately; each result is saved in a folder with the name of its log.
 
     Args:
         robot: a robot, a built-in name or a file.
         logs: files, or folders of ROS bags.
-        out: folder for the results' folders, runs.csv and agreement.csv.
+        out: folder for the result folders, runs.csv and agreement.csv.
         reading: options of `bayesid.read_log`, such as `gains`.
-        workers: processes on this machine; one a core by default, 0 for none but this one.
-        scheduler: address of a Dask scheduler, whose workers are used instead; they must see the same files.
+        workers: processes on this machine; by default one per core, 0 for this process.
+        scheduler: address of a Dask scheduler, whose workers are used instead; they must have access to the same files.
         report: whether each folder gets its report.html.
         run_by: `command` and `config` of the provenance of each result, if a command runs this.
         progress: called as progress("logs", done, total) at the start and after every batch.
         options: of `bayesid.identify`.
 
     Raises:
-        InputError: the robot, a folder or the scheduler cannot be used. A log that cannot is a `Run` with its error.
-        LostSchedulerError: the scheduler ended before the work.
-        KeyboardInterrupt: with a text that says which results there are.
+        InputError: the robot, a folder or the scheduler cannot be used. A log that cannot be used is a `Run` with an
+            error.
+        LostSchedulerError: the connection to the scheduler was lost.
+        KeyboardInterrupt: its text counts the results that were saved.
 
     Example:
         >>> days = ["week/monday.csv", "week/tuesday.csv"]
@@ -119,14 +120,14 @@ def identify_each(  # noqa: PLR0913  of one identification, and of the batch
                 show("logs", len(done), len(jobs))
     except KeyboardInterrupt:
         saved = sum(not result.error for result in done.values())
-        kept = f"{saved} of {len(jobs)} results were saved in {place}" if saved else "nothing was written"
-        raise KeyboardInterrupt(kept) from None
+        text = f"{saved} of {len(jobs)} results were saved in {place}" if saved else "nothing was written"
+        raise KeyboardInterrupt(text) from None
     runs = tuple(done[k] for k in range(len(jobs)))
     good = [result.coefficients for result in runs if not result.error]
-    separate = BatchResult(runs, agreement(good) if len(good) > 1 else None)
-    if good or not all(result.bad_input for result in runs):  # of refused input nothing is left behind
-        _save(separate, place)
-    return separate
+    batch_result = BatchResult(runs, agreement(good) if len(good) > 1 else None)
+    if good or not all(result.bad_input for result in runs):  # refused input leaves no files
+        _save(batch_result, place)
+    return batch_result
 
 
 def _identify(
@@ -170,7 +171,7 @@ def _run(log: Path, folder: Path, outcome: Outcome) -> Run:
 
 
 def _names(logs: Sequence[Path]) -> list[str]:
-    """A folder's name for each log: its stem, with its own folder's name where stems repeat."""
+    """Folder name of each log: its stem, after the name of its folder if stems repeat."""
     stems = Counter(log.stem for log in logs)
     names = [log.stem if stems[log.stem] == 1 else f"{log.absolute().parent.name}-{log.stem}" for log in logs]
     for name, count in Counter(names).items():
@@ -180,11 +181,11 @@ def _names(logs: Sequence[Path]) -> list[str]:
 
 
 def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
-    """The place holds nothing else, no folder there is more than an earlier result, and logs are files."""
+    """Raises InputError if logs are streams, or files other than an earlier batch would be overwritten."""
     for log in logs:
         if is_stream(log):
-            said = "is a stream, which can be read only once"
-            raise InputError(said, str(log), "save it as a file, or identify without `each`")
+            problem = "is a stream, which can be read only once"
+            raise InputError(problem, str(log), "save it as a file, or identify without `each`")
     if place.exists() and not place.is_dir():
         raise InputError("is not a folder", str(place), _REMEDY)
     files = {path.name for path in place.iterdir() if not path.is_dir()} if place.is_dir() else set()

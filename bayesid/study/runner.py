@@ -1,8 +1,8 @@
-"""Maps a function over many tasks, in worker processes of this machine or on the workers of a Dask scheduler.
+"""Maps a function over tasks, in worker processes of this machine or on the workers of a Dask scheduler.
 
-Outcomes come in the order of completion. A task that raises gives an outcome with its error. A task whose worker died
-is tried again, alone; after several deaths its outcome reports them. A worker runs one task at a time, with one BLAS
-thread.
+Outcomes come in the order of completion. A task that raises gives an outcome with its error. A task whose worker
+crashed is repeated, alone; after several crashes its outcome is an error. A worker runs one task at a time, with one
+BLAS thread.
 """
 
 from __future__ import annotations
@@ -31,41 +31,41 @@ _one_at_a_time = threading.Lock()
 
 
 class LostSchedulerError(BayesidError, RuntimeError):
-    """The connection to the scheduler broke and did not come back."""
+    """The connection to the scheduler was lost."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task."""
+    """Result or error of a task."""
 
-    index: int  #: which one
-    value: Any  #: what the function returned; None if it did not
-    error: str  #: type and text of what it raised; empty if it returned
-    died: bool = False  #: whether it failed because workers crashed on it
-    seconds: float = 0.0  #: of wall time
-    worker: str = ""  #: host and process that ran it
+    index: int  #: of the task
+    value: Any  #: returned value; None after an error
+    error: str  #: type and text of the exception; empty without
+    died: bool = False  #: whether it failed because workers crashed
+    seconds: float = 0.0  #: wall time
+    worker: str = ""  #: host and process
 
 
 def run(
     function: Callable[[Any], Any], tasks: Sequence[Any], workers: int | None = None, scheduler: str | None = None
 ) -> Generator[list[Outcome], None, None]:
-    """What a function makes of every task, in batches as they are ready; a batch may be empty when nothing is.
+    """Outcomes of a function for all tasks, in batches as they are ready; a batch may be empty.
 
-    Close the iterator (`contextlib.closing`) to stop early: local workers are killed, a cluster's asked to
+    Close the iterator (`contextlib.closing`) to stop early: local workers are killed, those of a cluster are asked to
     stop.
 
     Args:
         function: of a module that the workers can import, or one that can be pickled.
-        tasks: what to give it, one by one.
-        workers: processes on this machine; one a core by default, 0 for none: everything in this process.
+        tasks: arguments of the function.
+        workers: processes on this machine; by default one per core, 0 for this process.
         scheduler: address of a Dask scheduler, tcp://host:port; its workers are used instead.
 
     Raises:
-        InputError: no scheduler answers, its workers do not have this version of bayesid, or workers is negative.
-        LostSchedulerError: it did answer once.
+        InputError: no scheduler answers, its workers have another version of bayesid, or workers is negative.
+        LostSchedulerError: the connection to the scheduler was lost.
     """
     if workers is not None and workers < 0:
-        raise InputError(f"{workers} workers", field="workers", remedy="give 1 or more")
+        raise InputError(f"is {workers}", field="workers", remedy="give 0 or more")
     if not tasks or (scheduler is None and workers == 0):
         return ([_received(attempt(function, index, task))] for index, task in enumerate(tasks))
     if scheduler is not None:
@@ -76,20 +76,20 @@ def run(
 def _flow(
     pool: Processes | Cluster, function: Callable[[Any], Any], tasks: Sequence[Any]
 ) -> Generator[list[Outcome], None, None]:
-    """Hands out no more tasks than the workers can have at hand, so memory does not grow with their number."""
+    """Submits at most `pool.capacity()` tasks at a time, so memory does not grow with their number."""
     waiting, suspects = deque(range(len(tasks))), deque[int]()
-    flying, deaths = dict[Future[Outcome], int](), Counter[int]()
+    running, deaths = dict[Future[Outcome], int](), Counter[int]()
     with pool:
-        while waiting or suspects or flying:
-            for _ in range(min(pool.room() - len(flying), len(waiting))):
+        while waiting or suspects or running:
+            for _ in range(min(pool.capacity() - len(running), len(waiting))):
                 index = waiting.popleft()
-                flying[pool.submit(function, index, tasks[index])] = index
-            if not flying:  # each alone: any of those at hand may have been the one that a worker died of
+                running[pool.submit(function, index, tasks[index])] = index
+            if not running:  # suspects run alone, as any running task may have crashed the worker
                 index = suspects.popleft()
-                flying[pool.submit(function, index, tasks[index])] = index
-            batch = []  # handed over even if nothing has come: twice a second a bar moves and Ctrl-C is seen
-            for future in wait(flying, timeout=0.5, return_when=FIRST_COMPLETED).done:
-                index = flying.pop(future)
+                running[pool.submit(function, index, tasks[index])] = index
+            batch = []  # yielded even if empty, so that progress and Ctrl-C work twice a second
+            for future in wait(running, timeout=0.5, return_when=FIRST_COMPLETED).done:
+                index = running.pop(future)
                 try:
                     batch.append(_received(future.result()))
                 except CancelledError as error:  # only a lost scheduler cancels tasks
@@ -101,8 +101,7 @@ def _flow(
                         suspects.append(index)
                     else:
                         crashed = f"WorkerDied: {deaths[index]} workers crashed on this task"
-                        said = crashed if died else _error_text(error)
-                        batch.append(Outcome(index, None, said, died=died))
+                        batch.append(Outcome(index, None, crashed if died else _error_text(error), died=died))
             yield batch
 
 
@@ -110,7 +109,7 @@ def _flow(
 # In the worker
 # ---------------------------------------------------------------------------------------------------------------
 def attempt(function: Callable[[Any], Any], index: int, task: Any) -> Outcome:
-    """Runs a task. Its value is pickled: one that cannot be, there or back, is an error of its task."""
+    """Runs a task and pickles its value; failure to pickle or unpickle is an error of the task."""
     with _one_at_a_time, one_blas_thread:
         began = time.perf_counter()
         try:
@@ -135,12 +134,12 @@ def _error_text(error: BaseException) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Where the workers are
+# Workers
 # ---------------------------------------------------------------------------------------------------------------
 class Processes:
-    """So many worker processes of this machine; when one dies, all are started anew."""
+    """Worker processes of this machine; if one crashes, all are restarted."""
 
-    attempts = 3  # how often a task is handed out whose worker dies
+    attempts = 3  # most submissions of a task whose worker crashes
 
     def __init__(self, workers: int) -> None:
         self._workers, self._pool = workers, WorkerPool(workers, "spawn")
@@ -151,12 +150,12 @@ class Processes:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._pool.__exit__(kind)
 
-    def room(self) -> int:
-        """How many tasks may be at hand."""
+    def capacity(self) -> int:
+        """Most submitted tasks."""
         return self._workers
 
     def submit(self, function: Callable[[Any], Any], index: int, task: Any) -> Future[Outcome]:
-        """Hands out a task."""
+        """Submits a task."""
         try:
             return self._pool.submit(attempt, function, index, task)
         except BrokenProcessPool:
@@ -165,20 +164,20 @@ class Processes:
             return self._pool.submit(attempt, function, index, task)
 
     def died(self, failure: BaseException) -> bool:
-        """Whether a task failed because its worker, or another one, died."""
+        """Whether a task failed because a worker crashed."""
         return isinstance(failure, BrokenProcessPool)
 
 
 def connect(address: str, patience: float = 10.0) -> Cluster:
-    """The workers of the scheduler at an address, if they have bayesid as it is here.
+    """The workers of the scheduler at an address.
 
     Args:
         address: tcp://host:port.
-        patience: s, within which the scheduler must answer.
+        patience: time limit for the scheduler's answer, s.
 
     Raises:
-        InputError: there is no such scheduler, no Dask, or another version of bayesid: rows of two versions must not
-            stand in one table.
+        InputError: no scheduler answers, Dask is missing, or workers have another version of bayesid, which may give
+            other results.
     """
     try:
         from distributed import Client
@@ -186,12 +185,13 @@ def connect(address: str, patience: float = 10.0) -> Cluster:
         remedy = "pip install 'bayesid[distributed]'"
         raise InputError("Dask is not installed", field="scheduler", remedy=remedy) from None
     if not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d{1,5}", address):
-        raise InputError(f"{address!r} is no address of a scheduler", field="scheduler", remedy="give tcp://HOST:PORT")
+        problem = f"{address!r} is not an address of a scheduler"
+        raise InputError(problem, field="scheduler", remedy="give tcp://HOST:PORT")
     try:
         client = Client(address, timeout=patience, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        said = f"no scheduler answers at {address} ({error or type(error).__name__})".replace("\n", " ")
-        raise InputError(said, field="scheduler", remedy=_START) from None
+        problem = f"no scheduler answers at {address} ({error or type(error).__name__})".replace("\n", " ")
+        raise InputError(problem, field="scheduler", remedy=_START) from None
     try:
         _check_version(client)
     except InputError:
@@ -205,42 +205,42 @@ def _check_version(client: Any) -> None:
     try:
         versions = client.run(version, "bayesid")
     except ModuleNotFoundError as error:
-        said = f"bayesid is missing on a worker ({error})"
-        raise InputError(said, field="scheduler", remedy="install it there") from None
-    for address, its in versions.items():
-        if its != here:
-            said = f"worker {address} has {its}, here is {here}"
-            raise InputError(said, field="scheduler", remedy="install the same version there")
+        problem = f"bayesid is missing on a worker ({error})"
+        raise InputError(problem, field="scheduler", remedy="install it there") from None
+    for address, there in versions.items():
+        if there != here:
+            problem = f"worker {address} has bayesid {there}, this machine has {here}"
+            raise InputError(problem, field="scheduler", remedy="install the same version there")
 
 
 class Cluster:
-    """The workers of a client's Dask scheduler, which gives a task to others itself when a worker dies."""
+    """The workers of a client's Dask scheduler, which resubmits tasks of a crashed worker itself."""
 
-    attempts = 2  # of Dask's own three: another task on the same worker may have been to blame
+    attempts = 2  # each has three attempts of Dask; another task of the worker may have caused a crash
 
     def __init__(self, client: Any) -> None:
         self._client = client
         self._executor = client.get_executor(pure=False)
-        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it logs comes as an exception here
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its messages are raised as exceptions
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leaves the cluster; its workers stop what they do for us."""
-        with suppress(Exception):  # the scheduler may be gone
+        """Disconnects; the workers drop these tasks."""
+        with suppress(Exception):  # the scheduler may have ended
             self._executor.shutdown(wait=False)
         self._client.close()
 
-    def room(self) -> int:
-        """Two tasks a thread: one to run, and the next for when it ends. Workers come and go."""
+    def capacity(self) -> int:
+        """Two tasks per thread, one running and one waiting; the number of workers may change."""
         try:
             return 2 * max(1, sum(self._client.nthreads().values()))
-        except Exception as error:  # of several types: the client may be anywhere between running and closed
+        except Exception as error:  # of several types, depending on the state of the client
             raise LostSchedulerError(_LOST) from error
 
     def submit(self, function: Callable[[Any], Any], index: int, task: Any) -> Future[Outcome]:
-        """Hands out a task."""
+        """Submits a task."""
         try:
             future: Future[Outcome] = self._executor.submit(attempt, function, index, task)
         except Exception as error:

@@ -132,7 +132,7 @@ def test_a_scheduler_that_is_gone():
     executor = SimpleNamespace(submit=gone)
     client = SimpleNamespace(nthreads=gone, status="closing", get_executor=lambda pure: executor)
     pool = Cluster(client)
-    for call in (lambda: pool.room(), lambda: pool.submit(do, 0, ("square", 1))):
+    for call in (lambda: pool.capacity(), lambda: pool.submit(do, 0, ("square", 1))):
         with pytest.raises(LostSchedulerError):
             call()
     client.status = "running"
@@ -149,9 +149,9 @@ def refusal(call=None, **where):
 
 def test_places_that_there_are_none_of_are_refused(monkeypatch):
     assert list(run(do, [])) == list(run(do, [], scheduler="tcp://127.0.0.1:1")) == []  # without tasks none is needed
-    assert refusal(workers=-1).startswith("--workers: -1 workers")
+    assert refusal(workers=-1).startswith("--workers: is -1")
     for address in ("", "127.0.0.1:8786", "tcp://127.0.0.1", "http://127.0.0.1:8786"):
-        assert refusal(scheduler=address).startswith(f"--scheduler: {address!r} is no address")
+        assert refusal(scheduler=address).startswith(f"--scheduler: {address!r} is not an address")
     assert "no scheduler answers" in refusal(partial(connect, "tcp://127.0.0.1:1", patience=0.5))
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install 'bayesid[distributed]'" in refusal(scheduler="tcp://127.0.0.1:8786")
@@ -163,4 +163,4 @@ def other_version(name):
 
 def test_workers_of_another_version_are_refused(cluster, monkeypatch):
     monkeypatch.setattr(runner, "version", other_version)
-    assert f"has 0.0.0, here is {version('bayesid')}" in refusal(scheduler=cluster.address)
+    assert f"has bayesid 0.0.0, this machine has {version('bayesid')}" in refusal(scheduler=cluster.address)
