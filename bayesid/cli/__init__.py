@@ -56,14 +56,14 @@ def _terminated_as_interrupted() -> Iterator[list[int]]:
             raise KeyboardInterrupt
 
     alone = threading.current_thread() is threading.main_thread()
-    ours = [one for one in _ENDS if alone and signal.getsignal(one) == signal.SIG_DFL]  # nohup ignores SIGHUP
-    for one in ours:
-        signal.signal(one, interrupt)
+    ours = [number for number in _ENDS if alone and signal.getsignal(number) == signal.SIG_DFL]  # nohup ignores SIGHUP
+    for number in ours:
+        signal.signal(number, interrupt)
     try:
         yield came
     finally:
-        for one in ours:
-            signal.signal(one, signal.SIG_DFL)
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
@@ -92,8 +92,8 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
     except (OSError, BayesidError) as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt as stop:
-        said, code = ("terminated", 128 + terminated[0]) if terminated else ("interrupted", 130)
-        return _complain(f"{said}; {str(stop) or 'nothing was written'}", code)
+        reason, code = ("terminated", 128 + terminated[0]) if terminated else ("interrupted", 130)
+        return _complain(f"{reason}; {str(stop) or 'nothing was written'}", code)
     return 0
 
 

@@ -48,8 +48,10 @@ def counts(options: argparse.Namespace, unit: str) -> Iterator[Counts]:
     else:
         pace = _Pace()
         with Lines(options.command) as lines:
-            lines.say(unit)
-            yield lambda done, total, failed: lines.say(pace.words(f"{done} of {total} {unit}", done, total, failed))
+            lines.write_line(unit)
+            yield lambda done, total, failed: lines.write_line(
+                pace.words(f"{done} of {total} {unit}", done, total, failed)
+            )
 
 
 def _on_terminal() -> bool:
@@ -85,9 +87,9 @@ class Lines:
     def show(self, stage: str, done: int, total: int) -> None:
         """The progress of a stage."""
         steps = ", done" if done == total else f", {done} of {total}" if done else ""
-        self.say(f"{stage}{steps}")
+        self.write_line(f"{stage}{steps}")
 
-    def say(self, words: str) -> None:
+    def write_line(self, words: str) -> None:
         """Sets the text of the next line."""
         self._text = words
 
@@ -168,8 +170,8 @@ class _Pace:
         if self._first < 0:
             self._began, self._first = time.monotonic(), done  # items of an earlier run do not count
         seconds, new = time.monotonic() - self._began, done - self._first
-        left = timedelta(seconds=(total - done) * seconds // max(new, 1))
-        return f"{new / seconds:.3g}/s, {left} left" if new and seconds else ""
+        remaining = timedelta(seconds=(total - done) * seconds // max(new, 1))
+        return f"{new / seconds:.3g}/s, {remaining} left" if new and seconds else ""
 
     def words(self, count: str, done: int, total: int, failed: int) -> str:
         """Count, failures, rate and time left."""

@@ -70,7 +70,7 @@ def _words(name: str, value: Any, action: argparse.Action, folder: Path) -> list
         return [name] if value else [off] if off in action.option_strings else []
     if isinstance(action.default, list):  # an option that may be repeated
         values = value if isinstance(value, list) else [value]
-        return [f"{name}={_placed(str(one), folder, action)}" for one in values]
+        return [f"{name}={_placed(str(value), folder, action)}" for value in values]
     if isinstance(value, dict):
         value = [f"{key}={one}" for key, one in value.items()]
     text = ",".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -149,7 +149,7 @@ def _signs_lines(experiment: Experiment) -> list[str]:
     """Signs in order of time, one line per joint; weak segments in brackets, wrong ones marked."""
     result = experiment.result
     lines = [
-        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {percent(NOISE, 0)}, signs removed",
+        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples per joint, noise {percent(NOISE, 0)}, signs removed",
         "signs of the segments; in brackets: |effort| below 5 % of the joint's maximum; !: wrong",
     ]
     for j in range(result.model.robot.n_joints):

@@ -85,14 +85,14 @@ def excite_command(options: argparse.Namespace) -> None:
     """Writes a designed motion, or prints the assessment of a log."""
     if options.result is not None:
         if options.log is not None:
-            raise InputError("assesses a log, --for designs a motion", "--log", "give one of both")
+            raise InputError("assesses a log, --for designs a motion", "--log", "give one of them")
         _refuse(options, FOR_ROBOT, "has no effect with --for: the result has its own", "leave it out")
         text, last = _design_for_result(options)
         finish(options, text, last=last)
         return
     _refuse(options, FOR_RESULT, "needs a result", "give --for RESULT_DIR")
     if options.robot is None:
-        raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
+        raise InputError("neither a robot nor a result is given", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options, notes=True)
     given = given_robot(options)
     if options.log is None:
@@ -201,18 +201,20 @@ def _hypotheses(folder: Path) -> Hypotheses:
         return Hypotheses()
     found = read_json(path, _Discrepancy, "give a folder that `bayesid discrepancy` wrote").found
     changed = {
-        (one.effect, one.joints): {
-            name.removeprefix(CHANGE_OF): float(quantity["value"]) for name, quantity in one.parameters.items()
+        (added.effect, added.joints): {
+            name.removeprefix(CHANGE_OF): float(quantity["value"]) for name, quantity in added.parameters.items()
         }
-        for one in found
-        if one.change_of_what_was_there
+        for added in found
+        if added.change_of_what_was_there
     }
-    return Hypotheses(equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found]), changed)
+    return Hypotheses(
+        equivalent_classes([(added.effect, added.joints, _equivalents(added)) for added in found]), changed
+    )
 
 
 def _equivalents(found: _Found) -> dict[str, tuple[int, ...] | None]:
     """Effects that are equivalent to one, with their joints if the file has them."""
-    places = {one.effect: one.joints for one in reversed(found.alternatives)}
+    places = {other.effect: other.joints for other in reversed(found.alternatives)}
     return {name: places.get(name) for name in found.equivalent}
 
 
@@ -238,7 +240,7 @@ def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> Colli
     if tool is not None and radii is None:
         raise InputError("needs --capsules", "--tool", "give --capsules too")
     if radii is not None and options.meshes:
-        raise InputError("are not used with --capsules", "--meshes", "give one of both")
+        raise InputError("are not used with --capsules", "--meshes", "give one of them")
     capsules = None
     if radii is not None:
         capsules = Capsules(radii[0] if len(radii) == 1 else radii, (0.0, 0.0, 0.0) if tool is None else tool)

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def identify_command(options: argparse.Namespace) -> None:
         raise InputError("one identification runs in one process", "--workers or --scheduler", remedy)
     folder = options.out or _usual_folder(options, logs, "bayesid")
     if any(
-        folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs
+        folder.resolve() in (recording.path.resolve(), recording.path.resolve().parent) for recording in logs
     ):  # a ROS bag may be a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     check_new(options, folder, IDENTIFICATION_FILES, MARKER)
@@ -93,8 +94,8 @@ def identify_command(options: argparse.Namespace) -> None:
     replaced = folder.is_dir() and any(folder.iterdir())
     with stages(options) as progress:
         with progress.stage("read"):
-            read_logs = [_read(options, one, reading, robot) for one in logs]
-            log, notes = join_logs(read_logs), {note for one in read_logs for note in one.notes}
+            read_logs = [_read(options, recording, reading, robot) for recording in logs]
+            log, notes = join_logs(read_logs), {note for read_log in read_logs for note in read_log.notes}
         result = identify(robot, log, **settings, progress=progress)
         run_by = replace(result.provenance, command=command_line(), config=config_of(options))
         result = replace(result, provenance=run_by)
@@ -117,9 +118,9 @@ def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: 
     return Path(f"{kind}-{(options.logs[0] if _is_list(options.logs[0]) else logs[0].path).stem}")
 
 
-def _read(options: argparse.Namespace, one: Recording, reading: Mapping[str, Any], robot: Robot) -> Log:
-    log = read(options, one.path, reading, robot)
-    return log.carrying(one.payload) if one.payload else log
+def _read(options: argparse.Namespace, recording: Recording, reading: Mapping[str, Any], robot: Robot) -> Log:
+    log = read(options, recording.path, reading, robot)
+    return log.carrying(recording.payload) if recording.payload else log
 
 
 def _search(options: argparse.Namespace) -> Search:
@@ -130,9 +131,9 @@ def _search(options: argparse.Namespace) -> Search:
 
 
 def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], settings: Mapping[str, Any]) -> None:
-    for one in logs:
-        if one.payload:
-            seen = f"{one.path} carries a payload, which needs a log without it"
+    for recording in logs:
+        if recording.payload:
+            seen = f"{recording.path} carries a payload, which needs a log without it"
             raise InputError(seen, "--each", "leave --each out, or give the log without a payload")
     folder = options.out or _usual_folder(options, logs, "bayesid-each")
     check_taken(options, folder)
@@ -141,7 +142,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": progress}
         settings["run_by"] = {"command": command_line(), "config": config_of(options)}
-        separate = identify_each(robot, [one.path for one in logs], folder, **settings)
+        separate = identify_each(robot, [recording.path for recording in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
     refused = all(result.bad_input for result in failed)
     for result in separate.runs:
@@ -190,12 +191,12 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
 def _joints(result: Identification) -> RenderableType:
     """One row per joint: segments, certainty of hidden signs, relative residual."""
     segments, _, confidence = result.recorded_segments
-    signed, shares, left = result.log.signed, result.sure_shares, result.fit.relative_residual
+    signed, shares, residual = result.log.signed, result.sure_shares, result.fit.relative_residual
     rows = []
     for j, known in enumerate(signed.tolist()):
         of_joint = confidence[segments.joint == j]
         signs = ["known", "known"] if known else [f"{of_joint.min():.2f}", percent(shares[j], 1)]
-        rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), percent(left[j], 1)])
+        rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), percent(residual[j], 1)])
     of_signs = [] if signed.all() else ["lowest confidence", f"|effort| with a sign {percent(SURE, 0)} certain"]
     return table(["joint", "segments", *of_signs, "relative residual"], rows)
 
@@ -204,9 +205,11 @@ def _constraints(summary: Summary) -> list[str]:
     """The number of constraints, and the one with the largest cost."""
     if not summary.constraints:
         return []
-    dear = max(summary.constraints, key=lambda one: one.nats)
-    costs = f"largest cost {dear.nats:.1f} nats ({dear.label})" if dear.nats > 0.0 else "none is active in the fit"
-    active = [one.label for one in summary.constraints if one.presses]
+    dearest = max(summary.constraints, key=attrgetter("nats"))
+    costs = (
+        f"largest cost {dearest.nats:.1f} nats ({dearest.label})" if dearest.nats > 0.0 else "none is active in the fit"
+    )
+    active = [constraint.label for constraint in summary.constraints if constraint.presses]
     return [f"constraints: {len(summary.constraints)}; {costs}{f'; {len(active)} limit the draws' * bool(active)}"]
 
 
@@ -227,15 +230,15 @@ def _payloads(summary: Summary) -> list[str]:
     payloads = summary.payloads or {}
     carried = [f"{part.source}: {part.n_samples} rows, {part.payload or 'no payload'}" for part in summary.logs]
     found = [
-        f"{label}: {_with_sd(one['mass'], 'kg')}, centre of mass at ({', '.join(map(_with_sd, one['com']))}) m in the "
-        "last link's frame"
-        for label, one in payloads.items()
+        f"{label}: {_with_sd(body['mass'], 'kg')}, centre of mass at ({', '.join(map(_with_sd, body['com']))}) m "
+        "in the last link's frame"
+        for label, body in payloads.items()
     ]
     return [*carried, *found] if payloads else []
 
 
-def _with_sd(one: Mapping[str, Any], unit: str = "") -> str:
-    return quantity(one["value"], one["sd"] or 0.0, unit)
+def _with_sd(estimate: Mapping[str, Any], unit: str = "") -> str:
+    return quantity(estimate["value"], estimate["sd"] or 0.0, unit)
 
 
 def _verdict(head: str, check: Check, tail: str = "") -> Text:
@@ -288,10 +291,12 @@ def recordings(options: argparse.Namespace) -> list[Recording]:
     Raises:
         InputError: an option or a file cannot be understood, no file matches a pattern, or a log is named twice.
     """
-    named = [one for path in options.logs for one in (_listed(path) if _is_list(path) else [Recording(path)])]
+    named = [
+        recording for path in options.logs for recording in (_listed(path) if _is_list(path) else [Recording(path)])
+    ]
     named += map(_of_payload, options.payload)
-    found = [replace(one, path=path) for one in named for path in find_logs([one.path])]
-    find_logs([one.path for one in found])  # refuses a log that is named twice
+    found = [replace(recording, path=path) for recording in named for path in find_logs([recording.path])]
+    find_logs([recording.path for recording in found])  # refuses a log that is named twice
     return found
 
 
@@ -303,11 +308,11 @@ def _is_list(path: Path) -> bool:
 def _known_masses(logs: Iterable[Recording]) -> dict[str, tuple[float, float]]:
     """Parameter to mean and standard deviation, kg, of the payloads whose mass is known."""
     known: dict[str, tuple[float, float]] = {}
-    for one in logs:
-        if one.mass is not None and known.setdefault(f"m_{one.payload}", one.mass) != one.mass:
-            here, there = (f"{mass:g} +- {sd:g} kg" for mass, sd in (one.mass, known[f"m_{one.payload}"]))
-            seen = f"payload {one.payload} has {here} here, and {there} in another log"
-            raise InputError(seen, str(one.path), "give it one mass, or give each payload its own label")
+    for recording in logs:
+        if recording.mass is not None and known.setdefault(f"m_{recording.payload}", recording.mass) != recording.mass:
+            here, there = (f"{mass:g} +- {sd:g} kg" for mass, sd in (recording.mass, known[f"m_{recording.payload}"]))
+            seen = f"payload {recording.payload} has {here} here, and {there} in another log"
+            raise InputError(seen, str(recording.path), "give it one mass, or give each payload its own label")
     return known
 
 
@@ -315,7 +320,7 @@ def _of_payload(text: str) -> Recording:
     """LABEL@LOG, KG[~SD]@LOG or LABEL:KG[~SD]@LOG."""
     found = _PAYLOAD.fullmatch(text)
     if found is None:
-        raise InputError(f"{text!r} names no payload and log", "--payload", _PAYLOAD_REMEDY)
+        raise InputError(f"{text!r} does not name a payload and a log", "--payload", _PAYLOAD_REMEDY)
     label, mass, sd, file = (found[part] for part in ("label", "mass", "sd", "file"))
     try:
         known = [float(number) for number in (mass, sd) if number is not None]
@@ -363,8 +368,10 @@ def _recording(path: Path, label: object, mass: list[Any] | None, where: str, re
 
 def _mass(numbers: list[Any]) -> tuple[float, float]:
     """A mass and its sd, kg, of one number or two."""
-    seen = f"mass = {', '.join(map(repr, numbers))} is no mass in kg"
-    if not 1 <= len(numbers) <= 2 or any(isinstance(one, bool) or not isinstance(one, int | float) for one in numbers):
+    seen = f"mass = {', '.join(map(repr, numbers))} is not a mass in kg"
+    if not 1 <= len(numbers) <= 2 or any(
+        isinstance(number, bool) or not isinstance(number, int | float) for number in numbers
+    ):
         raise InputError(seen)
     mass = float(numbers[0])
     sd = float(numbers[1]) if len(numbers) == 2 else TUNING.payload_mass_sd * mass

@@ -72,8 +72,8 @@ def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = Fa
         warn(f"{options.robot} is not built in; using {robot.origin.urdf} of an installed package")
     for remark in robot.notes if notes else ():
         warn(remark)
-    if of_log and (said := alias_note(options.robot)):
-        warn(said)
+    if of_log and (note := alias_note(options.robot)):
+        warn(note)
     return robot
 
 
@@ -93,7 +93,7 @@ def _positions(text: str) -> dict[str, float]:
     try:
         return {name.strip(): float(position) for name, _, position in words}
     except ValueError:
-        raise InputError(f"{text!r} are no positions", "--hold", "give JOINT=POSITION,.. in rad or m") from None
+        raise InputError(f"{text!r} are not positions", "--hold", "give JOINT=POSITION,.. in rad or m") from None
 
 
 def numbers(
@@ -139,25 +139,27 @@ def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker
     return folder
 
 
-def check_taken(options: argparse.Namespace, folder: Path, go_on: str = "") -> None:
-    """Raises InputError if a folder is not empty and --force was not given; `go_on` is another remedy."""
+def check_taken(options: argparse.Namespace, folder: Path, alternative: str = "") -> None:
+    """Raises InputError if a folder is not empty and --force was not given; `alternative` is a further remedy."""
     _check_no_file(options, folder)
     if folder.is_dir() and any(folder.iterdir()):
-        _keep(options, folder, "holds an earlier result", go_on)
+        _keep(options, folder, "holds an earlier result", alternative)
 
 
 def _check_no_file(options: argparse.Namespace, folder: Path) -> None:
     named = options.out is not None and folder.suffix in _SUFFIXES and not folder.is_dir()
     if named or folder.is_file():
-        said = f"{'is' if folder.is_file() else 'names'} a file, but `bayesid {options.command}` writes a folder"
-        raise InputError(said, str(folder), "give --out a folder")
+        message = f"{'is' if folder.is_file() else 'names'} a file, but `bayesid {options.command}` writes a folder"
+        raise InputError(message, str(folder), "give --out a folder")
 
 
-def _keep(options: argparse.Namespace, path: Path, reason: str, go_on: str = "") -> None:
+def _keep(options: argparse.Namespace, path: Path, reason: str, alternative: str = "") -> None:
     if not options.force:
         names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
         free = next(name for name in names if not name.exists())
-        raise InputError(reason, str(path), f"give {go_on}--out {shlex.quote(str(free))}, or --force to replace it")
+        raise InputError(
+            reason, str(path), f"give {alternative}--out {shlex.quote(str(free))}, or --force to replace it"
+        )
 
 
 def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:
@@ -298,7 +300,7 @@ def _links(text: str) -> tuple[float, float]:
     remedy = "give mass and size of a typical link in kg and m, as in 30,0.5"
     scales = numbers(text, "--links", remedy) or ()
     if len(scales) != 2:
-        raise InputError(f"{text!r} are no scales of links", "--links", remedy)
+        raise InputError(f"{text!r} are not scales of links", "--links", remedy)
     return scales[0], scales[1]
 
 
@@ -310,7 +312,7 @@ def _tolerance(text: str) -> tuple[float, float]:
         length = angle = math.nan
     if not (0.0 <= length < math.inf and 0.0 <= angle < math.inf):
         remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for an exact table"
-        raise InputError(f"{text!r} is no tolerance", "--kinematic-tolerance", remedy)
+        raise InputError(f"{text!r} is not a tolerance", "--kinematic-tolerance", remedy)
     return length, angle
 
 

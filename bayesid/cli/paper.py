@@ -1,10 +1,10 @@
-"""`bayesid demo --paper`: the experiment of Gaz and De Luca to the letter, Algorithm 1 on a simulated KR5 Sixx.
+"""`bayesid demo --paper`: the experiment of Gaz and De Luca as published, Algorithm 1 on a simulated KR5 Sixx.
 
-Positions follow sums of sines, slow enough for about as many segments as the paper's 39. |effort| is filtered, and of
-each joint as many samples are dropped, the smallest, as the paper drops in all (2577 of 4002 are left). A segment is a
-run of samples that are left. Rows are weighted by 1 / (5 % of the joint's RMS effort). One tree decides the signs, and
-least squares in the cone gives the coefficients. Nothing that bayesid adds to this takes part: no cuts at minima or
-reversals, no second round, smoothing, completion, proof or posterior.
+Positions are sums of sines, slow enough for about as many segments as the paper's 39. |effort| is filtered. In each
+joint the smallest samples are dropped, the same share as in the paper (2577 of 4002 are kept). A segment is a run of
+kept samples. Rows are weighted by 1 / (5 % of the joint's RMS effort). One tree decides the signs, and least squares in
+the cone gives the coefficients. All other parts of bayesid are off: cuts at minima or reversals, further search rounds,
+smoothing, model selection, proof and posterior.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -172,13 +173,13 @@ def _recorded(
             found.append((float(np.trace(np.linalg.inv(gram))), _Recorded(log, signals, segments, raw)))
         tried += 1
         steps(min(tried, _MOTIONS), _MOTIONS)
-    return min(found, key=lambda one: one[0])[1]
+    return min(found, key=itemgetter(0))[1]
 
 
 def _segments(signals: Signals) -> Segments:
     """Runs of samples above their joint's threshold."""
-    left = signals.effort >= np.quantile(signals.effort, 1.0 - LEFT, axis=0)
-    runs = constant_stretches(left)
+    kept = signals.effort >= np.quantile(signals.effort, 1.0 - LEFT, axis=0)
+    runs = constant_stretches(kept)
     return replace(runs, known=np.zeros(len(runs), dtype=np.int64))
 
 
@@ -254,14 +255,14 @@ def node_rows(nodes: Sequence[Node]) -> list[dict[str, object]]:
 
 def _lines(experiment: LetterExperiment) -> list[str]:
     """The experiment's numbers beside the paper's."""
-    count, left = len(experiment.segments), int((experiment.segments.end - experiment.segments.start).sum())
+    count, kept = len(experiment.segments), int((experiment.segments.end - experiment.segments.start).sum())
     branch, known = experiment.true_branch, experiment.known
     infeasible = [node.depth for node in branch if not node.feasible]
     depths = len({node.depth for node in experiment.nodes})
     s0, w = SEARCH.initial_segments, SEARCH.width
     return [
-        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {percent(NOISE, 0)}, signs removed",
-        f"samples above the thresholds: {left} of {experiment.identification.log.effort.size} (paper: 2577 of 4002)",
+        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples per joint, noise {percent(NOISE, 0)}, signs removed",
+        f"samples above the thresholds: {kept} of {experiment.identification.log.effort.size} (paper: 2577 of 4002)",
         f"segments: {count} (paper: 39)",
         f"nodes: {len(experiment.nodes)} = 2^{s0} + {2 * w} ({count} - {s0}) (paper: {2**s0 + 2 * w * (39 - s0)})",
         f"signs: {count - experiment.wrong} of {count} right (paper: all)",

@@ -29,20 +29,20 @@ class Command:
     """A command, or a program of several commands, with its help."""
 
     name: str
-    purpose: str  #: what it does
-    examples: Sequence[str]  #: to copy
+    purpose: str  #: one line of help
+    examples: Sequence[str]  #: command lines
     options: Sequence[Option] = ()  #: shown by `--help`
-    sections: Mapping[str, Sequence[Option]] = field(default_factory=dict)  #: others by title: `--help-all`
+    sections: Mapping[str, Sequence[Option]] = field(default_factory=dict)  #: further options of `--help-all`, by title
     commands: Sequence[Command] = ()  #: subcommands
-    more: str = ""  #: at the end of its help
-    details: str = ""  #: at the end of `--help-all`
-    moved: Mapping[str, str] = field(default_factory=dict)  #: options that moved elsewhere, with a remedy
+    more: str = ""  #: text at the end of its help
+    details: str = ""  #: text at the end of `--help-all`
+    moved: Mapping[str, str] = field(default_factory=dict)  #: former options, with a remedy
 
     @property
     def names(self) -> set[str]:
         """Names of its options and those of subcommands."""
         options = {name for part in (self.options, *self.sections.values()) for name, _ in part}
-        return options.union(*(one.names for one in self.commands))
+        return options.union(*(command.names for command in self.commands))
 
 
 def option(name: str, help: str = "", **settings: Any) -> Option:
@@ -102,7 +102,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--help-all", action=_HelpAll, nargs=0, help=argparse.SUPPRESS)
 
     def understand(self, arguments: Sequence[str]) -> argparse.Namespace:
-        """The options of one command, its name as `command`; where help is asked for, it exits.
+        """The options of one command, with its name as `command`; exits after printing a requested help.
 
         `given` holds the long options of the command line, `configured` the options of a `bayesid.toml`. Long options
         are checked first: argparse would report missing arguments before a misspelled option.
@@ -208,9 +208,9 @@ def _fill(parser: Parser, kind: str, files: Any) -> None:
         below = parser.add_subparsers(
             required=True, dest=kind, metavar="COMMAND", prog=parser.prog, parser_class=Parser
         )
-        for one in command.commands:
-            parser.commands[one.name] = below.add_parser(one.name, help=one.purpose, command=one)
-            _fill(parser.commands[one.name], "action", files)
+        for part in command.commands:
+            parser.commands[part.name] = below.add_parser(part.name, help=part.purpose, command=part)
+            _fill(parser.commands[part.name], "action", files)
 
 
 def _suggestion(word: str, known: Sequence[str]) -> str:

@@ -176,7 +176,7 @@ def _share(text: str) -> float:
     try:
         return float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
     except ValueError:
-        raise InputError(f"{text!r} is no share", "--common-sd", "give a share, as in 2% or 0.02") from None
+        raise InputError(f"{text!r} is not a share", "--common-sd", "give a share, as in 2% or 0.02") from None
 
 
 def _mass(text: str) -> tuple[float, float]:
@@ -185,4 +185,4 @@ def _mass(text: str) -> tuple[float, float]:
     try:
         return float(mass), float(sd) if sd else 0.0
     except ValueError:
-        raise InputError(f"{text!r} is no mass", "--known-mass", "give kg, as in 2.805 or 2.805~0.005") from None
+        raise InputError(f"{text!r} is not a mass", "--known-mass", "give kg, as in 2.805 or 2.805~0.005") from None

@@ -46,7 +46,7 @@ def _new(options: argparse.Namespace) -> None:
         text, fill = robot_template(name, str(out), options.convention or "standard"), "fill it in, then "
     else:
         if options.convention is None:
-            remedy = "give standard or modified; docs/how-to/data-sheet-robot.md tells how to see which"
+            remedy = "give standard or modified; see docs/how-to/data-sheet-robot.md"
             raise InputError("is needed with a table", "--convention", remedy)
         table_text, where = _table_of(options.table)
         text = robot_file(table_text, name, options.convention, where)
@@ -107,16 +107,16 @@ def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
 def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
     values = np.array(numbers(text, "--q", "give Q1,Q2,.. as in 0,-1.57,1.57"))
     if len(values) != robot.n_joints:
-        said = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
-        raise InputError(said, "--q", "give one number per joint")
+        message = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
+        raise InputError(message, "--q", "give one number per joint")
     turning = np.array([not joint.prismatic for joint in robot.joints])
     if degrees is None and np.any(np.abs(values[turning]) > TUNING.few_turns):
-        said = f"{text!r} looks like degrees"
-        raise InputError(said, "--q", "give --degrees, or --no-degrees if they are in rad")
+        message = f"{text!r} looks like degrees"
+        raise InputError(message, "--q", "give --degrees, or --no-degrees if they are in rad")
     return np.where(turning & bool(degrees), np.radians(values), values)
 
 
 def _list(_options: argparse.Namespace) -> None:
     tables = {name: built_in_table(name) for name in BUILT_IN}
-    rows = [(name, str(len(one["joints"])), one["description"]) for name, one in tables.items()]
+    rows = [(name, str(len(entry["joints"])), entry["description"]) for name, entry in tables.items()]
     show(table(["name", "joints", "robot"], rows, left=["name", "robot"]), "source of a table: bayesid robot show NAME")

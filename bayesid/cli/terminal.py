@@ -71,7 +71,7 @@ def show(*parts: RenderableType) -> None:
 
 
 def _folded(text: Text, width: int) -> Text:
-    """A sentence folded to a width, later lines indented; words and commands in backticks are not split."""
+    """A sentence folded to a width, with later lines indented; words and commands in backticks are not split."""
     indent = " " * (len(text.plain) - len(text.plain.lstrip()) + 2)
     cuts, begin = [], 0
     for word in _WORD.finditer(text.plain):
@@ -90,9 +90,9 @@ def table(
     left: Collection[str] = (),
     widest: Mapping[str, int] = MappingProxyType({}),
 ) -> Table:
-    """A table without rules, numbers to the right; columns `left`, by their headings, hold words.
+    """A table without lines; numbers are right-aligned, columns with the headings `left` left-aligned.
 
-    Cells of the `widest` columns fold at so many characters.
+    Cells of the columns in `widest` fold at the given number of characters.
     """
     drawn = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
     for heading in headings:
@@ -113,11 +113,11 @@ def line_of(check: Check) -> Text:
 def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
     """The verdict in its colour, then the actions."""
     parts: list[RenderableType] = ["", Text(conclusion.sentence, COLOURS[conclusion.state])]
-    for one in conclusion.actions:
-        message = in_options(one.message)
-        parts.append(f"  {one.name}{f': {message}' if message else ''}")
-        if one.remedy:
-            parts.append(f"    -> {in_options(one.remedy)}")
+    for action in conclusion.actions:
+        message = in_options(action.message)
+        parts.append(f"  {action.name}{f': {message}' if message else ''}")
+        if action.remedy:
+            parts.append(f"    -> {in_options(action.remedy)}")
     if conclusion.others:
         parts.append(f"  {conclusion.others} more check{'s' * (conclusion.others > 1)}: see the report")
     return parts

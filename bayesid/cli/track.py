@@ -148,7 +148,7 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
         found = explain_log(identified, part, posterior=False)
     except BayesidError as error:
         return Named(f"not determined from {part.t[-1] - part.t[0]:.2f} s of the log: {in_options(str(error))}")
-    return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
+    return Named(found.status, tuple((added.effect, added.joints) for added in found.added))
 
 
 def _alarm_lines(result: StreamResult) -> list[str]:
@@ -190,12 +190,12 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     given = reading_options(options, identified)
     of_stream = {name: one for name, one in identified.reading.items() if name not in ("joints", "topic")}
     kept = kept_reading(options, of_stream, given)
-    said: dict[str, Any] = {name: kept.get(name) if value is None else value for name, value in given.items()}
-    kept_encoding = said["encoding"] is None and identified.encoding is not None
-    said["encoding"] = said["encoding"] or identified.encoding
-    gains, unsigned, degrees, correct = (said.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
+    chosen: dict[str, Any] = {name: kept.get(name) if value is None else value for name, value in given.items()}
+    kept_encoding = chosen["encoding"] is None and identified.encoding is not None
+    chosen["encoding"] = chosen["encoding"] or identified.encoding
+    gains, unsigned, degrees, correct = (chosen.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
     robot = identified.model.robot
-    columns = Options(**said, currents=gains is not None, robot_joints=joint_names(robot))
+    columns = Options(**chosen, currents=gains is not None, robot_joints=joint_names(robot))
     with warned(options):
         stream = _Announced(sys.stdin.buffer, robot.n_joints)
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)

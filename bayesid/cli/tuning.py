@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Values, each with its reason."""
+    """Values of the command line; `TUNING` holds those in use."""
 
     payload_mass_sd: float = 0.001
     """Default standard deviation of a payload's mass over the mass: the accuracy of common scales."""

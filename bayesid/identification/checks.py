@@ -157,7 +157,7 @@ def convergence(max_rhat: float | None, min_ess: float | None) -> str:
     """Largest R-hat and smallest effective sample size, in words; None if not finite."""
     rhat = "unknown" if max_rhat is None else f"{max_rhat:.3f}"
     size = "unknown" if min_ess is None else f"{min_ess:.0f}"
-    return f"R-hat at most {rhat}, effective sample size at least {size}"
+    return f"R-hat <= {rhat}, effective sample size >= {size}"
 
 
 def sampling(

@@ -1,4 +1,4 @@
-"""The verdict of a command or a page in one sentence, and what to do, the worst check first."""
+"""The verdict of a command or a page in one sentence, and remedies, that of the worst check first."""
 
 from __future__ import annotations
 
@@ -25,51 +25,53 @@ VALIDATED: Mapping[State, str] = {
 
 @dataclass(frozen=True)
 class Conclusion:
-    """A verdict, and the most important things to do."""
+    """A verdict, and its most important remedies."""
 
-    state: State  #: good, to be looked at, or bad
+    state: State  #: good, look or bad
     sentence: str  #: the verdict in words
     actions: tuple[Check, ...] = ()  #: the most important checks that are not good
     others: int = 0  #: number of other checks that are not good; the report lists them
 
     def in_brief(self) -> Conclusion:
         """The same with the remedies alone, for output that shows the messages already."""
-        return replace(self, actions=tuple(replace(one, message="") for one in self.actions if one.remedy), others=0)
+        return replace(
+            self, actions=tuple(replace(check, message="") for check in self.actions if check.remedy), others=0
+        )
 
 
-def conclude(checks: Sequence[Check], says: Mapping[State, str] = _RESULT, of: str = "checks") -> Conclusion:
-    """The verdict of checks, with at most `TUNING.actions` things to do.
+def conclude(checks: Sequence[Check], sentences: Mapping[State, str] = _RESULT, of: str = "checks") -> Conclusion:
+    """The verdict of checks, with at most `TUNING.actions` remedies.
 
     If a check is bad, only bad ones are listed. Checks that were not done do not affect the verdict.
 
     Args:
         checks: all of them.
-        says: a sentence for each state.
+        sentences: a sentence for each state.
         of: what the checks are called in the sentence.
     """
     reasons, state = failed(checks), worst(checks)
-    of_state = [one for one in reasons if one.state == state]
-    not_done = [one for one in reasons if one.state == "not done"]
-    said = says[state]
+    of_state = [check for check in reasons if check.state == state]
+    not_done = [check for check in reasons if check.state == "not done"]
+    words = sentences[state]
     if of_state and len(checks) > 1:
         which = ("fails", "fail") if state == "bad" else ("needs attention", "need attention")
-        names = listed([one.name for one in of_state])
-        said += f": {len(of_state)} of {len(checks)} {of} {which[len(of_state) > 1]} ({names})"
+        names = listed([check.name for check in of_state])
+        words += f": {len(of_state)} of {len(checks)} {of} {which[len(of_state) > 1]} ({names})"
     elif not_done:
-        said += f"; not checked: {listed([one.name for one in not_done])}"
+        words += f"; not checked: {listed([check.name for check in not_done])}"
     shown = first(of_state if state == "bad" else [*of_state, *not_done])
-    left = len({one.remedy or one.message for one in reasons}) - len(shown) if of == "checks" else 0
-    return Conclusion(state, sentence(state, said), shown, left)
+    others = len({check.remedy or check.message for check in reasons}) - len(shown) if of == "checks" else 0
+    return Conclusion(state, sentence(state, words), shown, others)
 
 
 def first(reasons: Sequence[Check]) -> tuple[Check, ...]:
     """The first checks with different remedies."""
     by_remedy: dict[str, Check] = {}
-    for one in reasons:
-        by_remedy.setdefault(one.remedy or one.message, one)
+    for check in reasons:
+        by_remedy.setdefault(check.remedy or check.message, check)
     return tuple(by_remedy.values())[: TUNING.actions]
 
 
-def sentence(state: State, said: str) -> str:
+def sentence(state: State, words: str) -> str:
     """The sentence of a verdict, alike in terminal and page."""
-    return f"Verdict: {state}. {said}."
+    return f"Verdict: {state}. {words}."

@@ -73,11 +73,11 @@ def collect_incomplete() -> Iterator[list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", IncompleteWarning)
         yield messages
-    messages += [str(one.message) for one in caught if issubclass(one.category, IncompleteWarning)]
+    messages += [str(warning.message) for warning in caught if issubclass(warning.category, IncompleteWarning)]
 
 
 def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
-    """Saves a result; if its folder cannot be written, in a temporary one.
+    """Saves a result; in a temporary folder if its own cannot be written.
 
     Raises:
         InputError: the folder cannot be written; the remedy names the temporary one.
@@ -115,7 +115,7 @@ def save_identification(
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: its text says whether the result is already written.
+        KeyboardInterrupt: its text states whether the result is already written.
 
     Warns:
         IncompleteWarning: an export or the report could not be written; all other files are.

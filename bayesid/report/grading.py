@@ -10,7 +10,7 @@ from bayesid.identification.checks import Check, State
 def graded(name: str, value: float, limits: tuple[float, float], message: str, look: str = "", bad: str = "") -> Check:
     """A check of a number: good within the first limit, bad beyond the second, `look` between.
 
-    Large values are good if the first limit is the larger one. The remedy of a bad value is that of `look` by default.
+    If the first limit is the larger one, large values are good. By default a bad value has the same remedy as `look`.
     """
     good, passable = limits
     way = 1.0 if good <= passable else -1.0

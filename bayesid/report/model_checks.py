@@ -48,7 +48,7 @@ def additional_effects(summary: Summary) -> list[Check]:
         return [Check(name, "not done", message, "leave out --complete to add detected effects")]
     if not complete.effects:
         return [Check(name, "good", "none detected")]
-    named = [label(one.form, one.joints) for one in complete.effects]
+    named = [label(effect.form, effect.joints) for effect in complete.effects]
     return [Check(name, "good", f"added: {'; '.join(named)}; {held_back_error(complete)}")]
 
 
@@ -110,16 +110,16 @@ def intervals(summary: Summary) -> list[Check]:
         return [Check(name, "good", "no effect of the catalogue could be mistaken for link coefficients")]
     parts, remedies = [], []
     state: State = "not done"  # only the user knows whether such an effect is present
-    for one in found:
-        narrow = f"the intervals of {listed(one.coefficients)} are too narrow"
-        if one.times is not None:
-            looks = f"the residual suggests geometry errors {one.times:.1f} times the stated tolerance"
+    for undetectable in found:
+        narrow = f"the intervals of {listed(undetectable.coefficients)} are too narrow"
+        if undetectable.times is not None:
+            looks = f"the residual suggests geometry errors {undetectable.times:.1f} times the stated tolerance"
             parts.append(f"{looks}: {narrow}")
             state = "look"
             remedies.append("check the robot file's geometry")
         else:
-            there = listed([noun(effect) for effect in one.effects], "or")
-            whose = joints_in_words(one.joints) if one.joints else "the robot"
+            there = listed([noun(effect) for effect in undetectable.effects], "or")
+            whose = joints_in_words(undetectable.joints) if undetectable.joints else "the robot"
             parts.append(f"if {whose} has {there}, {narrow}; the log cannot show it")
             remedies.append("if so, state known parameters of these links by `--nominal`")
     return [Check(name, state, "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
@@ -186,8 +186,8 @@ def validation(findings: ReportData) -> Check:
         message += f"; no effort to compare in {joints_in_words(j + 1 for j in left_out)}"
     if poor:
         return Check(name, "bad", message, f"do not use the model for this motion; {lacks}")
-    own = np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
-    ratio = prediction.rms_error[compared] / np.maximum(own, TINY)
+    identified = np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
+    ratio = prediction.rms_error[compared] / np.maximum(identified, TINY)
     alike = covered and np.all(ratio <= TUNING.worse)
     if alike and not left_out:
         return Check(name, "good", message)

@@ -57,7 +57,7 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
 def design_summary(design: ExcitationDesign) -> dict[str, Any]:
     """design.json: figures, limits given and reached, and the B-spline of a period, which is the motion."""
     spline, coefficients, n = design.trajectory, design.coefficients, design.model.robot.n_joints
-    left = zip(coefficients.names, coefficients.expressions, design.reached.uncertainty, strict=True)
+    uncertain = zip(coefficients.names, coefficients.expressions, design.reached.uncertainty, strict=True)
     return as_object(
         {
             "robot": design.model.robot.name,
@@ -68,7 +68,7 @@ def design_summary(design: ExcitationDesign) -> dict[str, Any]:
             "reached": _figures(design.reached),
             "joint_resolvability": design.reached.joints.resolvability[:n],
             "undecided": [coefficients.names[i] for i in design.undecided],
-            "coefficients": {name: {"expression": text, "left": uncertainty} for name, text, uncertainty in left},
+            "coefficients": {name: {"expression": text, "left": uncertainty} for name, text, uncertainty in uncertain},
             "limits": {
                 "given": {key: np.atleast_1d(value) for key, value in vars(design.limits).items()},
                 "reached": _reached(design.motion),
@@ -267,7 +267,7 @@ def picture(design: NextExperiment) -> Any:
 
 
 def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
-    """predicted.csv: one row a coefficient or gain, its sd now and after the recording."""
+    """predicted.csv: one row per coefficient or gain, with its sd now and after the recording."""
     columns = {
         "name": predicted.names,
         "unit": predicted.units,
@@ -378,5 +378,5 @@ def _joints(design: NextExperiment) -> list[list[str]]:
 def _clearance(design: NextExperiment) -> Iterator[str]:
     if (clearance := design.clearance) is not None:
         distances = clearance.distance(design.motion.q)
-        least, (one, other) = clearance.nearest(design.motion.q[int(distances.argmin())])
-        yield f"least distance: {least:.3f} m, {one} to {other} (required: {clearance.margin:g} m)"
+        least, (first, second) = clearance.nearest(design.motion.q[int(distances.argmin())])
+        yield f"least distance: {least:.3f} m, {first} to {second} (required: {clearance.margin:g} m)"

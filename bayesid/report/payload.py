@@ -37,11 +37,11 @@ def save_payload(reading: PayloadEstimate, folder: str | Path) -> Path:
 def _payload_summary(reading: PayloadEstimate) -> dict[str, Any]:
     """payload.json: SI units, joints from 1."""
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
-    doubts = [one for one in payload_checks(reading) if one.state != "good"]
+    doubts = [check for check in payload_checks(reading) if check.state != "good"]
     return as_object(
         {
             **taken(reading, "frame", "gain_factor", "seconds"),
-            "warnings": [*reading.warnings, *(f"{one.name}: {one.message}" for one in doubts)],
+            "warnings": [*reading.warnings, *(f"{check.name}: {check.message}" for check in doubts)],
             **taken(body, "shown", "mass", com=body.centre, inertia=body.inertia),
             "check": {
                 **taken(check, "passed", "joints", "chi_square"),
@@ -67,15 +67,19 @@ def payload_rows(reading: PayloadEstimate) -> list[tuple[str, ...]]:
     """Of a table with `HEADINGS`: mass, centre of mass, inertia about it, the efforts' factor, as far as known."""
     body, factor = reading.body, reading.gain_factor
     rows = [_row("mass", body.mass, "kg")]
-    rows += [_row(f"centre of mass {axis}", one, "m") for axis, one in zip("xyz", body.centre or (), strict=False)]
-    rows += [_row(f"inertia {axes}", one, "kg m^2") for axes, one in zip(AXES, body.inertia or (), strict=False)]
+    rows += [
+        _row(f"centre of mass {axis}", estimate, "m") for axis, estimate in zip("xyz", body.centre or (), strict=False)
+    ]
+    rows += [
+        _row(f"inertia {axes}", estimate, "kg m^2") for axes, estimate in zip(AXES, body.inertia or (), strict=False)
+    ]
     return rows if factor is None else [*rows, _row("efforts' factor", factor, "")]
 
 
-def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
-    sd, (low, high) = rounded(one.sd, 2), one.interval
-    behind = len(sd.partition(".")[2]) if 1e-4 <= one.sd < 1e6 else 6  # as many digits as the second one of the sd has
-    return name, f"{one.value:.{behind}f}", sd, f"{low:.{behind}f} to {high:.{behind}f}", unit
+def _row(name: str, estimate: Estimate, unit: str) -> tuple[str, ...]:
+    sd, (low, high) = rounded(estimate.sd, 2), estimate.interval
+    behind = len(sd.partition(".")[2]) if 1e-4 <= estimate.sd < 1e6 else 6  # as many decimals as the sd
+    return name, f"{estimate.value:.{behind}f}", sd, f"{low:.{behind}f} to {high:.{behind}f}", unit
 
 
 def payload_checks(reading: PayloadEstimate, result: str = "RESULT") -> tuple[Check, ...]:
@@ -87,17 +91,17 @@ def _mass(reading: PayloadEstimate) -> Check:
     """The relative sd of the mass; with a known mass that without the efforts' common factor, which it replaces."""
     mass, name = reading.body.mass, "Payload"
     if not reading.body.shown:
-        said = f"not significantly above zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
-        return Check(name, "look", said, f"if the robot carried one, {_TURN}")
+        words = f"not significantly above zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
+        return Check(name, "look", words, f"if the robot carried one, {_TURN}")
     low, high = (rounded(end) for end in mass.interval)
-    said = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
-    said += f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
+    words = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
+    words += f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
     by_log = reading.mass_sd_by_log / mass.value
     share = by_log if reading.known_mass is not None else mass.sd / mass.value
     if share > KNOWN:
-        said += f"; relative sd {percent(share)} (good: up to {percent(KNOWN)})"
+        words += f"; relative sd {percent(share)} (good: up to {percent(KNOWN)})"
     remedy = _TURN if by_log > KNOWN else _weigh(reading)
-    return graded(name, share, (KNOWN, TUNING.poorly_known), said, remedy)
+    return graded(name, share, (KNOWN, TUNING.poorly_known), words, remedy)
 
 
 def _weigh(reading: PayloadEstimate) -> str:
@@ -140,13 +144,13 @@ def _gains(reading: PayloadEstimate, result: str) -> Check:
         return _gains_by_mass(reading, result)
     included = f"{spread_in_words(reading.common_sd)} (sd), which is included in mass and inertia"
     if reading.common_sd_from == ASSUMED:  # a log of torques has no gains
-        said = f"a scale error common to all torques is assumed: {included}"
-        return Check("Torque scale", "look", said, _weigh(reading))
+        words = f"a scale error common to all torques is assumed: {included}"
+        return Check("Torque scale", "look", words, _weigh(reading))
     if reading.common_sd_from == BY_GAINS:
-        gains, said = reading.identification.gains, f"common factor known to {included}"
+        gains, words = reading.identification.gains, f"common factor known to {included}"
         if gains is None or gains.factor_decided_by != BY_PRIOR:
-            return graded("Gains", reading.common_sd, (KNOWN, TUNING.poorly_known), said, _weigh(reading))
-        return Check("Gains", "look", f"{said}; the earlier log does not show it", _weigh(reading))
+            return graded("Gains", reading.common_sd, (KNOWN, TUNING.poorly_known), words, _weigh(reading))
+        return Check("Gains", "look", f"{words}; the earlier log does not show it", _weigh(reading))
     exact = f"a scale error of all efforts of {included}" if reading.common_sd else "exact"
     return Check("Gains", "good", f"stated: {exact}")
 
@@ -158,16 +162,16 @@ def _gains_by_mass(reading: PayloadEstimate, result: str) -> Check:
         return Check(name, "bad", "no payload was detected, so the known mass does not calibrate the efforts", _TURN)
     times, which = (1.0 / factor.value, "large") if factor.value < 1.0 else (factor.value, "small")
     low, high = factor.interval
-    said = (
+    words = (
         f"the logged efforts are {times:.3f} times too {which}: multiply them by "
         f"{quantity(factor.value, factor.sd, '')} (95 %: {low:.3f} to {high:.3f})"
     )
-    said += "; not significantly different from 1" if low <= 1.0 <= high else ""
+    words += "; not significantly different from 1" if low <= 1.0 <= high else ""
     if not passed:
-        return Check(name, "look", f"{said}, if nothing else has changed", _names_change(reading, result))
+        return Check(name, "look", f"{words}, if nothing else has changed", _names_change(reading, result))
     remedy = ""
     if reading.gains is not None:
         remedy = f"read logs with --gains {','.join(f'{gain:.4g}' for gain in reading.gains[1])}"
         if known is not None and known.stated.of_torques:
             remedy += ' --columns i="tau{}"'  # exact gains are for currents
-    return Check(name, "good", said, remedy)
+    return Check(name, "good", words, remedy)

@@ -110,20 +110,20 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
     """coefficients.csv: one row per base coefficient, from the posterior if there is one."""
     return [
         {
-            **taken(one, "name", "expression", "mean", "sd"),
-            "rsd_percent": 100.0 * one.rsd,
-            "q2.5": one.lower,
-            "q97.5": one.upper,
-            **taken(one, "unit", prior_sd=_if_known(one.prior_sd)),
-            **taken(one, "decided_by", nominal=_if_known(one.nominal)),
+            **taken(coefficient, "name", "expression", "mean", "sd"),
+            "rsd_percent": 100.0 * coefficient.rsd,
+            "q2.5": coefficient.lower,
+            "q97.5": coefficient.upper,
+            **taken(coefficient, "unit", prior_sd=_if_known(coefficient.prior_sd)),
+            **taken(coefficient, "decided_by", nominal=_if_known(coefficient.nominal)),
         }
-        for one in identification.coefficients_table()
+        for coefficient in identification.coefficients_table()
     ]
 
 
 def parameter_rows(identification: Identification) -> list[dict[str, object]]:
     """parameters.csv: one row per standard parameter; without a posterior `sd` only where the data decide."""
-    return [{**vars(one), "sd": _if_known(one.sd)} for one in identification.parameters_table()]
+    return [{**vars(parameter), "sd": _if_known(parameter.sd)} for parameter in identification.parameters_table()]
 
 
 def _if_known(value: float) -> object:

@@ -36,7 +36,7 @@ def save(result: object, folder: str | Path, **options: Any) -> Path:
 
     Raises:
         InputError: this is not a result, or the folder cannot be written or holds other files than an earlier result.
-        KeyboardInterrupt: its text says whether the result is already written.
+        KeyboardInterrupt: its text states whether the result is already written.
 
     Warns:
         IncompleteWarning: an export or the report could not be written; all other files are.

@@ -47,13 +47,13 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
     return [
         (
             str(joint),
-            said,
+            stated,
             quantity(mean or 0.0, sd or 0.0, found.unit),
             f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
             "" if by == GIVEN else percent(ratio or 0.0),
             by,
         )
-        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(
+        for joint, (stated, mean, sd, lower, upper, ratio, by) in enumerate(
             zip(*columns, found.decided_by, strict=True), start=1
         )
     ]
@@ -67,12 +67,12 @@ def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
     """Stated constraints: cost, draws at the edge, and whether it limits the draws."""
     return [
         (
-            one.label,
-            _price(one.nats),
-            "" if one.at_edge is None else percent(one.at_edge, 1),
-            "" if one.at_edge is None else "yes" if one.presses else "no",
+            constraint.label,
+            _price(constraint.nats),
+            "" if constraint.at_edge is None else percent(constraint.at_edge, 1),
+            "" if constraint.at_edge is None else "yes" if constraint.presses else "no",
         )
-        for one in summary.constraints
+        for constraint in summary.constraints
     ]
 
 

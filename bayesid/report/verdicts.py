@@ -47,7 +47,7 @@ def check_findings(findings: ReportData) -> tuple[Check, ...]:
     )
     others = (*others, _warnings(unsaid(summary.warnings, (reading, *others)), summary.corrected))
     if reading.state == "bad":
-        others = tuple(replace(one, remedy="fix the robot file first") if one.remedy else one for one in others)
+        others = tuple(replace(other, remedy="fix the robot file first") if other.remedy else other for other in others)
     return (reading, *others)
 
 
@@ -59,17 +59,17 @@ def robot_file(summary: Summary) -> Check:
     if summary.better_reading is not None:
         return checks.another_robot(summary.better_reading)
     found = () if summary.complete is None else summary.complete.too_narrow
-    times = max((one.times or 0.0 for one in found), default=0.0)
+    times = max((effect.times or 0.0 for effect in found), default=0.0)
     if times >= TUNING.another_robot:
-        said = f"the residual suggests geometry errors {times:.0f} times the stated tolerance"
-        return Check("Robot file", "bad", said, "check that the file is of this robot, and its lengths")
+        message = f"the residual suggests geometry errors {times:.0f} times the stated tolerance"
+        return Check("Robot file", "bad", message, "check that the file is of this robot, and its lengths")
     return Check("Robot file", "good", "robot, joint order and units look consistent")
 
 
 def _excitation(findings: ReportData) -> Check:
     condition, design = findings.summary.fit.condition_number, commands.excite(findings.summary)
     silent = np.flatnonzero(np.isinf(findings.coefficients.sd))
-    blind = [j for j, left in enumerate(findings.summary.fit.relative_residual, start=1) if left == 0.0]
+    blind = [j for j, share in enumerate(findings.summary.fit.relative_residual, start=1) if share == 0.0]
     names = [findings.coefficients.name[k] for k in silent]
     if blind and condition is None and all(_joint_of(name) in blind for name in names):
         return checks.no_effort(blind, names)

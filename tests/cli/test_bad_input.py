@@ -161,7 +161,7 @@ def test_nominal_values_that_cannot_be_used(arm_place, refused):
 
 
 BAD_PAYLOADS = [
-    ("--payload=new.csv", "names no payload and log"),
+    ("--payload=new.csv", "does not name a payload and a log"),
     ("--payload=@new.csv", "has no mass in kg"),
     ("--payload=-2.8@new.csv", "both above 0"),
     ("--payload=2.8~0@new.csv", "both above 0"),
@@ -181,7 +181,7 @@ BAD_LISTS = [
     ('[[log]]\nfile = "log.csv"', "unknown key 'log'"),
     ('[[logs]]\nfile = "log.csv"\npaylod = "a"', "unknown key 'paylod'; did you mean payload"),
     ('[[logs]]\npayload = "a"', "log 1: names no file"),
-    ('[[logs]]\nfile = "log.csv"\nmass = "2.8"', "log 1: mass = '2.8' is no mass"),
+    ('[[logs]]\nfile = "log.csv"\nmass = "2.8"', "log 1: mass = '2.8' is not a mass"),
     ('[[logs]]\nfile = "log.csv"\nmass = 0', "both above 0"),
     ('[[logs]]\nfile = "log.csv"\npayload = "a b"', "'a b' is not a valid label"),
     ('[[logs]]\nfile = "missing.csv"', "missing.csv"),

@@ -89,7 +89,7 @@ def test_show_names_the_joints_in_the_logs_order(place, capfd):
     assert "not on the chain to left_hand" in err
     for command, options, says in (
         (("identify", "left.csv"), ("--tip", "left_hnd"), "two arms.urdf: has no link or joint 'left_hnd'; --tip take"),
-        (("excite",), ("--hold", "lift"), "--hold: 'lift' are no positions; give JOINT=POSITION,.. in rad or m"),
+        (("excite",), ("--hold", "lift"), "--hold: 'lift' are not positions; give JOINT=POSITION,.. in rad or m"),
         (("simulate",), ("--hold", "lif=1"), "two arms.urdf: has no moving joint 'lif'; --hold takes lift"),
     ):
         assert run(*command, "--robot", "two arms.urdf", *options, "--out", "none") == 2

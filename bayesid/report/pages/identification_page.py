@@ -74,7 +74,7 @@ def identification_page(findings: ReportData, progress: Progress = SILENT) -> st
         for done, ((name, title), part) in enumerate(_PARTS.items(), start=1):
             sections += [html.section(name, title, *content)] if (content := part(findings)) else []
             steps(done, len(_PARTS))
-    there = {*(one.name for one in sections), *(["warnings"] if summary.warnings else [])}
+    there = {*(section.name for section in sections), *(["warnings"] if summary.warnings else [])}
     places = {check: place for place, names in _SHOWS.items() if place in there for check in names}
     conclusion = conclude(checks)
     return html.page(
@@ -110,7 +110,7 @@ def _about(findings: ReportData) -> list[tuple[str, str]]:
     return [
         ("Robot", summary.robot),
         ("Log", f"{summary.log}, {summary.n_samples} rows, {findings.samples.t[-1]:.4g} s"),
-        *[("Payload", f"{one.payload}, carried in {one.source}") for one in summary.logs if one.payload],
+        *[("Payload", f"{part.payload}, carried in {part.source}") for part in summary.logs if part.payload],
         ("Terms", ", ".join([*summary.terms, *summary.distortions])),
         ("Run", summary.provenance.date),
     ]

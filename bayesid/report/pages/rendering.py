@@ -216,7 +216,7 @@ def _rounded(values: ArrayLike, digits: int) -> list[float | None]:
 def typeset(text: str) -> Markup:
     """Escaped text with typographic signs."""
     text = str(escape(text)).replace(" +- ", "&nbsp;&plusmn;&nbsp;").replace("^2", "&sup2;").replace("^3", "&sup3;")
-    text = text.replace(" -&gt; ", "&nbsp;&rarr;&nbsp;")
+    text = text.replace(" -&gt; ", "&nbsp;&rarr;&nbsp;").replace("&lt;=", "&le;").replace("&gt;=", "&ge;")
     text = re.sub(r"\b(N|kg) (m|s)\b", r"\1&nbsp;\2", text)
     text = re.sub(r"(\d) ?%", r"\1&nbsp;%", text)
     return Markup(re.sub(r"(?<![\w)])-(?=\d)", "&minus;", text))
