@@ -1,14 +1,14 @@
-"""A or B: alternatives that exclude each other, each a convex set of its own, priced and weighed under one prior.
+"""A or B: probabilities of alternatives, each a convex set of parameters, under one prior.
 
     python -m bayesid.studies.alternatives
 
-"Link 2 is the heavier one, or link 3 is" is not convex, but each of the two is. One identification without them gives
-data, noise and prior. Inside each alternative the posterior is sampled and integrated anew, over all unknown signs::
+"Link 2 is heavier than link 3, or vice versa" is not convex, but each alternative is. One identification without them
+gives data, noise and prior. Inside each alternative the posterior is sampled and integrated, over all unknown signs::
 
     weight  ~  share of the prior  *  marginal likelihood.
 
-Where the log cannot tell, the weights are the shares that the prior gives. Printed are two pairs of alternatives for a
-simulated arm of two links; the first of each pair is true. Efforts show friction, but no single mass.
+If the log does not discriminate, the weights are the prior's shares. The command prints two pairs of alternatives for a
+simulated arm of two links; the first of each pair is true. Efforts determine friction, but no single mass.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ class Alternative:
     """One of several alternatives.
 
     Attributes:
-        name: of it.
-        cost: nats by which its best fit is worse than the one without alternatives.
-        prior_share: probability before the log; those of all alternatives sum to one.
-        prior_share_sd: standard error of it, by the integration.
-        marginal_likelihood: log of it over that of the likeliest alternative, and its standard error.
-        weight: probability after the log; those of all alternatives sum to one.
-        weight_sd: standard error of the weight, by the integration.
-        shared: share of its draws that satisfy another alternative too; they count for both.
-        draws: of parameters and noise inside it.
+        name: of the alternative.
+        cost: nats by which its best fit is worse than the fit without alternatives.
+        prior_share: prior probability; all alternatives sum to one.
+        prior_share_sd: its standard error, from the integration.
+        marginal_likelihood: log of its ratio to that of the likeliest alternative, and standard error.
+        weight: posterior probability; all alternatives sum to one.
+        weight_sd: its standard error, from the integration.
+        shared: share of its draws that also satisfy another alternative; they count for both.
+        draws: of parameters and noise inside the alternative.
     """
 
     name: str
@@ -87,15 +87,15 @@ class Alternative:
 def weigh(
     result: Identification, alternatives: Mapping[str, ConstraintFunction], sampling: Sampling | None = None
 ) -> list[Alternative]:
-    """What a log says of alternatives, in their order.
+    """Posterior probabilities of alternatives, in their order.
 
     Args:
-        result: an identification without them, with a posterior; constraints of its own hold in every alternative.
-        alternatives: their names, and constraints as in `identify(constraints=...)`.
+        result: an identification without them, with a posterior; its constraints hold in every alternative.
+        alternatives: names, and constraints as in `identify(constraints=...)`.
         sampling: in each alternative; that of the result if None.
 
     Raises:
-        InputError: there are fewer than two, one leaves no room, or the result's posterior cannot be divided.
+        InputError: fewer than two alternatives, an infeasible one, or a posterior that cannot be divided.
         SolverError: an optimisation or an integration failed.
     """
     posterior = _posterior_of(result, alternatives)
@@ -133,39 +133,39 @@ def weigh(
 
 def _posterior_of(result: Identification, alternatives: Mapping[str, ConstraintFunction]) -> Posterior:
     if len(alternatives) < 2:
-        raise InputError("there are fewer than two", "alternatives", "give two or more, by their names")
+        raise InputError("fewer than two alternatives", "alternatives", "give two or more, by their names")
     posterior = result.posterior
     if posterior is None:
         raise InputError("it has no posterior", "result", "identify with a posterior")
     if posterior.shift is not None:
-        said = "its draws are widened for uncertain gains or effects that the model may lack"
-        raise InputError(said, "result", "identify with exact gains and complete='off'")
+        message = "its draws are widened for uncertain gains or effects that the model may lack"
+        raise InputError(message, "result", "identify with exact gains and complete='off'")
     return posterior
 
 
 def _cone_of(result: Identification, name: str, says: ConstraintFunction) -> Cone:
-    """The cone of the model with what is stated for all, and for one alternative."""
-    own, cone = constraints_of(says, result.model), result.model.cone
-    if own is None:
-        raise InputError("it states nothing", f"alternative {name!r}", "give it a constraint")
-    if len(own.equal):
-        said = f"it is an equality ({own.labels[own.of_equal[0]]}), whose prior probability is zero"
-        raise InputError(said, f"alternative {name!r}", "state intervals")
-    return replace(cone, stated=own if cone.stated is None else Constraints.joined([cone.stated, own]))
+    """The cone of the model with the constraints of the result and of one alternative."""
+    stated, cone = constraints_of(says, result.model), result.model.cone
+    if stated is None:
+        raise InputError("it has no constraint", f"alternative {name!r}", "give it a constraint")
+    if len(stated.equal):
+        message = f"it is an equality ({stated.labels[stated.of_equal[0]]}), whose prior probability is zero"
+        raise InputError(message, f"alternative {name!r}", "state intervals")
+    return replace(cone, stated=stated if cone.stated is None else Constraints.joined([cone.stated, stated]))
 
 
 def _divided(name: str, prior: TruncatedGaussian, cone: Cone) -> TruncatedGaussian:
-    """The prior inside an alternative: with the same windows, or the masses would not compare."""
+    """The prior inside an alternative; its windows must be the same, so that probabilities are comparable."""
     inside = prior.within(cone)
     lost = [window.name for window in prior.windows if window not in inside.windows]
     if lost:
-        remedy = "identify with constraints= that leave room for every alternative: windows give way to these"
-        raise InputError(f"the prior leaves no room for it ({', '.join(lost)})", f"alternative {name!r}", remedy)
+        remedy = "identify with constraints= that include every alternative: these replace the prior's windows"
+        raise InputError(f"the prior excludes it ({', '.join(lost)})", f"alternative {name!r}", remedy)
     return inside
 
 
 def _modes(result: Identification, target: Target, cone: Cone) -> tuple[tuple[Mode, ...], float]:
-    """The modes inside a cone, and the least-squares cost of the best, at the noise of the result."""
+    """The modes inside a cone, and the least-squares cost of the best one, at the noise of the result."""
     posterior, search = result.posterior, result.search
     assert posterior is not None
     normal_equations, information = posterior.normal_equations, target.information
@@ -173,25 +173,25 @@ def _modes(result: Identification, target: Target, cone: Cone) -> tuple[tuple[Mo
         search = replace(search, branches=())
     scaled = normal_equations.scaled(posterior.noise.sigma * np.sqrt(posterior.noise.autocorrelation))
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
-    pull = np.zeros(len(hessian))
+    of_prior = np.zeros(len(hessian))
     if information is not None:
-        hessian, energy, pull = hessian + information.hessian, energy + information.energy, information.gradient
+        hessian, energy, of_prior = hessian + information.hessian, energy + information.energy, information.gradient
     solver = ConeLeastSquares(cone, result.coefficients, hessian, energy)
     modes, prepared = find_modes(target, scaled, solver, search), solver.prepared()
-    return modes, min(prepared.solve_precisely(mode.signs @ scaled.gradient + pull).cost for mode in modes)
+    return modes, min(prepared.solve_precisely(mode.signs @ scaled.gradient + of_prior).cost for mode in modes)
 
 
 def _integrated(target: Target, modes: Sequence[Mode], sampling: Sampling) -> tuple[Draws, MarginalLikelihood]:
     """Draws of all modes, and the log of their mass with its standard error."""
     sampled = sample_modes(target, modes, sampling, time.perf_counter(), SILENT)
-    masses = [one.marginal_likelihood or integrate(target, one.draws, sampling.seed) for one in sampled]
+    masses = [mode.marginal_likelihood or integrate(target, mode.draws, sampling.seed) for mode in sampled]
     values, errors = np.array(masses).T
     error = float(np.linalg.norm(mode_weights(values) * errors))
     return pool(sampled), MarginalLikelihood(float(logsumexp(values)), error)
 
 
 def _prior_mass(prior: TruncatedGaussian, seed: int) -> MarginalLikelihood:
-    """Log of the integral of the prior of the parameters inside its region, with its standard error."""
+    """Log of the prior probability of its region, with its standard error."""
     normal = Normal(np.diag(prior.precision), prior.precision * prior.mean)
     groups, walkers = TUNING.mass_groups, TUNING.mass_walkers
     values = truncate(prior.region, normal, prior.inside, RandomState(seed), groups, walkers)[1]
@@ -199,7 +199,7 @@ def _prior_mass(prior: TruncatedGaussian, seed: int) -> MarginalLikelihood:
 
 
 def _spread(weights: Array, error: Array) -> Array:
-    """(K,) standard errors of weights (K,) with those (K,) of the logarithms of their masses."""
+    """(K,) standard errors of weights (K,), from those (K,) of the logarithms of their masses."""
     slopes = weights[:, None] * (np.eye(len(weights)) - weights)
     spread: Array = np.linalg.norm(slopes * error, axis=1)
     return spread
@@ -208,22 +208,22 @@ def _spread(weights: Array, error: Array) -> Array:
 def _shared(draws: Draws, others: Sequence[Cone]) -> float:
     few = draws.spread(TUNING.few_draws)[:, : draws.theta.shape[-1]]
     stated = [cone.stated for cone in others if cone.stated is not None]
-    return float(np.mean([any(one.contains(theta) for one in stated) for theta in few]))
+    return float(np.mean([any(constraints.contains(theta) for constraints in stated) for theta in few]))
 
 
 def shown(alternatives: Sequence[Alternative]) -> str:
-    """A table, one line an alternative."""
+    """A table, one line per alternative."""
     lines = [f"{'alternative':<16}{'cost':>7}{'prior':>16}{'log marginal likelihood':>25}{'weight':>16}"]
-    for one in alternatives:
-        value, error = one.marginal_likelihood
-        of_log, weight = f"{value:.1f} +- {error:.1f}", f"{one.weight:.2f} +- {one.weight_sd:.2f}"
-        prior = f"{one.prior_share:.2f} +- {one.prior_share_sd:.2f}"
-        lines.append(f"{one.name:<16}{one.cost:7.1f}{prior:>16}{of_log:>25}{weight:>16}")
+    for a in alternatives:
+        value, error = a.marginal_likelihood
+        of_log, weight = f"{value:.1f} +- {error:.1f}", f"{a.weight:.2f} +- {a.weight_sd:.2f}"
+        prior = f"{a.prior_share:.2f} +- {a.prior_share_sd:.2f}"
+        lines.append(f"{a.name:<16}{a.cost:7.1f}{prior:>16}{of_log:>25}{weight:>16}")
     return "\n".join(lines)
 
 
 def simulated() -> tuple[Model, Array, Log]:
-    """An arm of two links on a vertical axis, its parameters, and a log of it with hidden signs."""
+    """An arm of two links on a vertical axis, its parameters, and its log with hidden signs."""
     lower = {"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}
     upper = {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": [lower, upper]}, "arm")
@@ -235,7 +235,7 @@ def simulated() -> tuple[Model, Array, Log]:
 
 
 def either(name: str, bound: float) -> dict[str, ConstraintFunction]:
-    """A parameter is large, or it is small."""
+    """Two alternatives: a parameter is at least, or at most, a bound."""
     return {f"{name} >= {bound:.2f}": lambda p: p[name] >= bound, f"{name} <= {bound:.2f}": lambda p: p[name] <= bound}
 
 

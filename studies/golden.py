@@ -1,20 +1,20 @@
-"""Golden results: what users see in 48 seeded runs, so that a rebuild of the inside can be compared.
+"""Golden results: the figures of 48 seeded runs, to compare versions of the code.
 
     python -m bayesid.studies.golden --check studies/golden.json     # before and after a change; exit 1 if they differ
     python -m bayesid.studies.golden --compare before.json now.json  # every figure that differs, of two full files
-    python -m bayesid.studies.golden --update                        # after a change that is meant
+    python -m bayesid.studies.golden --update                        # after an intended change
 
-A run is a few commands of `bayesid`; figures are read from the files that the last one writes. Searches and sampling
-count their work: no figure depends on the machine's load, and none is a time.
+A run is a few commands of `bayesid`; figures are read from the files that the last one writes. Budgets of searches and
+sampling count work: no figure depends on the machine's load, and none is a time.
 
-Tolerances. Text, whole numbers and hashes of signs must be the same. A figure x with the error e, written [x, e],
-equals y with the error f if |x - y| is at most 1e-6 of the larger or at most 5 hypot(e, f). Figures without draws have
-no error; only a coefficient and its sd carry 2e-7 sd, for coefficients near zero. Figures from posterior draws carry
-their Monte Carlo error, with ESS the run's smallest effective sample size: sd / sqrt(ESS) of a mean and of an sd, and
-sqrt(max(s (1 - s), 1 / ESS) / ESS) of a share s. Where a command's seed changes nothing but draws, it runs with two
-seeds: an error is then at least the difference over sqrt(2), and text that differs is not compared. The full file
-(--out) holds all figures. The reference in git holds a hash of them, to the last digit, and a few: of a list (names
-with #) it keeps the sum of cos(k) x_k, with 2e-7 of the list's norm as the error.
+Tolerances. Text, whole numbers and hashes of signs must be equal. A figure x with the error e, written [x, e], equals y
+with the error f if |x - y| is at most 1e-6 of the larger or at most 5 hypot(e, f). Figures without draws have no error,
+except for coefficients and their sd, with 2e-7 sd. Figures of posterior draws have their Monte Carlo error, with ESS
+the run's smallest effective sample size: sd / sqrt(ESS) for a mean and an sd, and sqrt(max(s (1 - s), 1 / ESS) / ESS)
+for a share s. Where a seed only changes draws, the command runs with two seeds: an error is then at least the
+difference over sqrt(2), and text that differs is not compared. The full file (--out) has all figures. The reference in
+git has a hash of them, to the last digit, and a selection: for a list (names with #) the sum of cos(k) x_k, with 2e-7
+of the list's norm as the error.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Figures: TypeAlias = dict[str, Any]
 """Names with text, whole numbers, floats, or [float, error]; name#element for the elements of a list."""
 Results: TypeAlias = dict[str, dict[str, Any]]  # runs, each with `hash` and `figures`, or with `error`
 REFERENCE = Path(__file__).with_name("golden.json")
-RELATIVE, ERRORS, _SMALL = 1e-6, 5.0, 2e-7  # the last as an error, relative to a scale, allows `RELATIVE` of the scale
+RELATIVE, ERRORS, _SMALL = 1e-6, 5.0, 2e-7  # ERRORS * _SMALL = RELATIVE
 _DRAWN, _ROW = "differs between seeds", "{:<24} {:<44} {:<34} {}"
 _STRONG, _SURE = 0.05, 0.99  # share of a joint's largest |effort| at which a sign counts; probability of a sure sign
 _CASES = 20
@@ -64,9 +64,9 @@ class Run(NamedTuple):
     Attributes:
         name: part/case.
         commands: the last one writes the folder `out`, from which figures are read.
-        truth: logs with the true signs of the rows of `signed_log.csv`; none where nobody knows them.
-        seeds: of the last command; none if it has its own.
-        case: number of the blind case whose files lie in the folder; -1 for none.
+        truth: logs with the true signs of the rows of `signed_log.csv`; none if unknown.
+        seeds: of the last command; none for its default.
+        case: number of the simulated case whose files are in the folder; -1 for none.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Run(NamedTuple):
 
 
 def simulated_runs() -> Iterator[Run]:
-    """The demo, gains, payload, tracker, excitation, and blind cases of discrepancies."""
+    """Demo, gains, payload, tracker, excitation, and simulated discrepancies."""
     yield Run("demo", ("demo --posterior-budget 3600 --out out",))
     wrong = "--gains 0.8~20%,1.2~20%,0.9~20%,1.1~20%,1.25~20%,0.85~20% --out out"
     for robot in ("kr5", "ur10e"):
@@ -95,15 +95,15 @@ def simulated_runs() -> Iterator[Run]:
 
 
 def _simulated(robot: str) -> tuple[str, str]:
-    """A log, and its result."""
+    """Commands that make a log and its result."""
     return f"{_SIMULATE} --robot {robot} --out log.csv", f"identify log.csv --robot {robot} {_PLAIN}"
 
 
 def real_runs() -> Iterator[Run]:
-    """Real logs with their signs hidden, which are the truth."""
+    """Real logs, whose logged signs are hidden and serve as truth."""
     for log in sorted(DATA.resolve().glob("*/*.csv")):
         name = f"{log.parent.name}/{log.stem}"
-        if log.parent.name == "lbr":  # minutes each: `bayesid study real --floor` holds them
+        if log.parent.name == "lbr":  # minutes each: in `bayesid study real --floor`
             continue
         yield Run(f"real/{name}", (f"{_identify(log)} {_BRIEF} --out out",), (log,))
         if name in ("ur10e/c_unloaded", "panda/a"):
@@ -136,19 +136,19 @@ def figures_of(run: Run) -> Figures:
 
 
 def _command(words: str) -> None:
-    said, terms = io.StringIO(), Path("terms.txt")
+    output, terms = io.StringIO(), Path("terms.txt")
     words = words.replace("TERMS", terms.read_text(encoding="utf-8").strip()) if terms.exists() else words
-    code = 2  # where the options are wrong
-    with redirect_stderr(said), redirect_stdout(said), suppress(SystemExit):
+    code = 2  # of wrong options
+    with redirect_stderr(output), redirect_stdout(output), suppress(SystemExit):
         code = bayesid([*shlex.split(words), "--quiet"])
     if code >= 128:
-        raise KeyboardInterrupt  # which the command has taken for itself
+        raise KeyboardInterrupt  # caught by the command
     if code:
-        raise RuntimeError(f"bayesid {words}: exit code {code}: {said.getvalue().strip()[-300:]}")
+        raise RuntimeError(f"bayesid {words}: exit code {code}: {output.getvalue().strip()[-300:]}")
 
 
 def _write_case(number: int) -> Figures:
-    """The files of a blind case; what is hidden in it."""
+    """Writes the files of a simulated case; its hidden effects."""
     blind = generator("golden")
     truth = blind.make_case(".", *blind.plan(_CASES, 0)[number])
     header = ",".join(f"tau{j}" for j in range(1, len(truth.noise) + 1))
@@ -158,7 +158,7 @@ def _write_case(number: int) -> Figures:
 
 
 def _of_seeds(first: Figures, second: Figures) -> Figures:
-    """The figures of the first seed, with errors that allow for the second."""
+    """The figures of the first seed, with errors of at least the difference from the second."""
     merged = {name: value if second.get(name) == value else _DRAWN for name, value in first.items()}
     for name in first.keys() & second.keys():
         if merged[name] == _DRAWN and isinstance(first[name], float | list):
@@ -183,7 +183,7 @@ _TAKEN: Mapping[str, str] = {
 
 
 def read_figures(folder: Path, truth: Sequence[Path] = ()) -> Figures:
-    """Of all files of a folder that users read; `truth` as in `Run`."""
+    """Figures of a result folder; `truth` as in `Run`."""
     files = [file for file in sorted(folder.glob("*.json")) if file.stem in _TAKEN]
     contents = {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in files}
     figures: Figures = {}
@@ -191,19 +191,19 @@ def read_figures(folder: Path, truth: Sequence[Path] = ()) -> Figures:
         for path in _TAKEN[name].split():
             figures |= _flat(f"{name}.{path}", _at(content, path))
     for name, path in (("summary", "complete.effects"), ("discrepancy", "found")):
-        for k, one in enumerate(_at(contents.get(name), path) or (), 1):
-            figures[f"{name}.log10_bayes_factor#{k}"] = one["log10_bayes_factor"]
-    draws = (one["posterior"] for one in contents.values() if "posterior" in one)
-    ess = next((one["min_ess"] for one in draws if one), math.inf)
+        for k, effect in enumerate(_at(contents.get(name), path) or (), 1):
+            figures[f"{name}.log10_bayes_factor#{k}"] = effect["log10_bayes_factor"]
+    draws = (content["posterior"] for content in contents.values() if "posterior" in content)
+    ess = next((posterior["min_ess"] for posterior in draws if posterior), math.inf)
     for name in ("mass", "com", "inertia"):
-        for k, one in enumerate(np.atleast_1d(contents.get("payload", {}).get(name, [])), 1):
-            error = one["sd"] / math.sqrt(ess)
-            figures |= {f"payload.{name}.{kind}.{k}": [one[kind], error] for kind in ("value", "sd")}
+        for k, estimate in enumerate(np.atleast_1d(contents.get("payload", {}).get(name, [])), 1):
+            error = estimate["sd"] / math.sqrt(ess)
+            figures |= {f"payload.{name}.{kind}.{k}": [estimate[kind], error] for kind in ("value", "sd")}
     return figures | (_of_tables(folder, truth, ess) if (folder / "signed_log.csv").exists() else {})
 
 
 def _of_tables(folder: Path, truth: Sequence[Path], ess: float) -> Figures:
-    """Coefficients; signs of segments and samples; shares of sure signs, and of right ones."""
+    """Coefficients; signs of segments and samples; shares of confident signs, and of right ones."""
     segments = [line.split(",")[:5] for line in (folder / "segments.csv").read_text().splitlines()]
     signs = np.sign(_columns(folder / "signed_log.csv", "tau")).astype(int)
     sure = np.maximum(positive := _columns(folder / "signed_log.csv", "p"), 1.0 - positive)
@@ -225,25 +225,26 @@ def _of_tables(folder: Path, truth: Sequence[Path], ess: float) -> Figures:
 def _columns(path: Path, stem: str) -> Array:
     """(N, n) columns stem1 to stemn of a CSV file."""
     table = np.genfromtxt(path, delimiter=",", names=True)
-    return np.column_stack([table[one] for one in table.dtype.names or () if re.fullmatch(rf"{stem}\d+", one)])
+    names = table.dtype.names or ()
+    return np.column_stack([table[name] for name in names if re.fullmatch(rf"{stem}\d+", name)])
 
 
 def _at(content: Any, path: str) -> Any:
-    """What a path leads to, in every element of a list; None where it leads nowhere."""
+    """The value at a path, in every element of a list; None if there is none."""
     for key in path.split("."):
-        content = [one.get(key) for one in content] if isinstance(content, list) else (content or {}).get(key)
+        content = [item.get(key) for item in content] if isinstance(content, list) else (content or {}).get(key)
     return content
 
 
 def _flat(name: str, value: Any) -> Figures:
-    """Numbers of a list one by one, any other list as one text."""
+    """Figures of a value: numbers of a list one by one, any other list as one text."""
     if isinstance(value, dict):
-        return {key: one for part, deeper in value.items() for key, one in _flat(f"{name}.{part}", deeper).items()}
+        return {key: x for part, deeper in value.items() for key, x in _flat(f"{name}.{part}", deeper).items()}
     if not isinstance(value, list):
         return {} if value is None else {name: value}
-    if value and all(isinstance(one, float) for one in value):
-        return {f"{name}#{k}": one for k, one in enumerate(value, 1)}
-    named = ([one["effect"], *one["joints"]] if isinstance(one, dict) else [one] for one in value)
+    if value and all(isinstance(item, float) for item in value):
+        return {f"{name}#{k}": item for k, item in enumerate(value, 1)}
+    named = ([item["effect"], *item["joints"]] if isinstance(item, dict) else [item] for item in value)
     return {name: " ".join(":".join(map(str, words)) for words in named)}
 
 
@@ -252,7 +253,7 @@ def _sha(value: Any) -> str:
 
 
 def reduced(figures: Figures) -> Figures:
-    """Those of the reference: a number instead of the elements of a list, and eight digits."""
+    """Figures of the reference: one number per list, and eight digits."""
     kept = {name: value for name, value in figures.items() if "#" not in name}
     for stem in dict.fromkeys(name.partition("#")[0] for name in figures if "#" in name):
         values, errors = np.array([_with_error(figures[name]) for name in figures if name.startswith(f"{stem}#")]).T
@@ -266,46 +267,46 @@ def _with_error(value: Any) -> tuple[float, float]:
     return (value[0], value[1]) if isinstance(value, list) else (value, 0.0)
 
 
-def same(one: Any, other: Any) -> bool:
+def same(first: Any, second: Any) -> bool:
     """Whether two figures are equal within the tolerances of the module."""
-    if not (isinstance(one, float | list) and isinstance(other, float | list)):
-        return bool(one == other) or _DRAWN in (one, other)
-    (x, e), (y, f) = _with_error(one), _with_error(other)
+    if not (isinstance(first, float | list) and isinstance(second, float | list)):
+        return bool(first == second) or _DRAWN in (first, second)
+    (x, e), (y, f) = _with_error(first), _with_error(second)
     return abs(x - y) <= max(RELATIVE * max(abs(x), abs(y)), ERRORS * math.hypot(e, f))
 
 
 def differences(before: Results, after: Results) -> list[str]:
-    """A line for each figure that differs; none for runs with the same hash."""
-    told, missing = [], {"error": "missing"}
+    """One line per figure that differs; none for runs with the same hash."""
+    lines, missing = [], {"error": "missing"}
     for run in dict.fromkeys([*before, *after]):
-        one, other = before.get(run, missing), after.get(run, missing)
-        if "error" in one or "error" in other:
-            told.append(_ROW.format(run, "run", one.get("error", "done"), other.get("error", "done")))
-        elif one["hash"] != other["hash"]:
-            old, new = one["figures"], other["figures"]
+        first, second = before.get(run, missing), after.get(run, missing)
+        if "error" in first or "error" in second:
+            lines.append(_ROW.format(run, "run", first.get("error", "done"), second.get("error", "done")))
+        elif first["hash"] != second["hash"]:
+            old, new = first["figures"], second["figures"]
             pairs = ((name, old.get(name, "missing"), new.get(name, "missing")) for name in dict.fromkeys([*old, *new]))
-            told += [_ROW.format(run, name, str(x), str(y)) for name, x, y in pairs if not same(x, y)]
-    return told
+            lines += [_ROW.format(run, name, str(x), str(y)) for name, x, y in pairs if not same(x, y)]
+    return lines
 
 
 def execute(chosen: Iterable[Run], out: Path = Path(os.devnull)) -> Results:
-    """Runs them one by one, and says so; one that fails keeps its error. All so far are in the file after each run."""
+    """Makes runs one by one; a failed one keeps its error. The file is updated after each run."""
     results: Results = {}
     for run in chosen:
         began = time.perf_counter()
         try:
             figures = figures_of(run)
-            one = {"hash": _sha(figures), "figures": figures}
-        except Exception as error:  # whatever it is, the other runs go on
-            one = {"error": f"{type(error).__name__}: {error}"}
-        results[run.name] = one
+            result = {"hash": _sha(figures), "figures": figures}
+        except Exception as error:  # any: the other runs follow
+            result = {"error": f"{type(error).__name__}: {error}"}
+        results[run.name] = result
         out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-        print(f"{run.name:<24} {time.perf_counter() - began:6.1f} s  {one.get('error', 'done')}", flush=True)
+        print(f"{run.name:<24} {time.perf_counter() - began:6.1f} s  {result.get('error', 'done')}", flush=True)
     return results
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs, compares, writes; 1 if something differs or failed."""
+    """Runs, compares and writes; returns 1 if a figure differs or a run failed."""
     parser = argparse.ArgumentParser(prog="python -m bayesid.studies.golden")
     add = parser.add_argument
     add("--out", type=Path, default=os.devnull, metavar="FILE", help="file for all figures")
@@ -317,34 +318,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--compare", type=Path, nargs=2, metavar="FILE", help="compare two full files; run nothing")
     options = parser.parse_args(arguments)
     if options.compare:
-        return _told(*(json.loads(path.read_text(encoding="utf-8")) for path in options.compare))
+        return _compared(*(json.loads(path.read_text(encoding="utf-8")) for path in options.compare))
     if not DATA.is_dir():
-        print(f"runs on real logs are left out: {DATA} is not here; set BAYESID_DATA to their folder")
+        print(f"runs on real logs are left out: no folder {DATA}; set BAYESID_DATA to the folder of the logs")
     every = [*simulated_runs(), *(real_runs() if DATA.is_dir() else ())]
     chosen = [run for run in every if run.name.startswith(tuple(options.only))]
     if options.list:
         print("\n".join(run.name for run in chosen))
         return 0
     results = execute(chosen, options.out)
-    few = {name: {**one, "figures": reduced(one.get("figures", {}))} for name, one in results.items()}
-    if options.update:  # a line a run; runs that were not made keep theirs
+    few = {name: {**result, "figures": reduced(result.get("figures", {}))} for name, result in results.items()}
+    if options.update:  # one line per run; other runs keep theirs
         kept = json.loads(REFERENCE.read_text(encoding="utf-8")) if REFERENCE.exists() else {}
         text = json.dumps({**kept, **few}, separators=(",", ":"))
         REFERENCE.write_text(text.replace("}},", "}},\n") + "\n", encoding="utf-8")
-    failed = int(any("error" in one for one in results.values()))
+    failed = int(any("error" in result for result in results.values()))
     if options.check is None:
         return failed
     reference = json.loads(options.check.read_text(encoding="utf-8"))
-    return max(failed, _told({name: one for name, one in reference.items() if name in few}, few))
+    return max(failed, _compared({name: result for name, result in reference.items() if name in few}, few))
 
 
-def _told(before: Results, after: Results) -> int:
-    """Prints a table of differences; the exit code."""
-    told = differences(before, after)
-    exact = sum(one.get("hash", "") == after.get(name, {}).get("hash") for name, one in before.items())
-    print(_ROW.format("run", "figure", "before", "after"), *told, sep="\n")
-    print(f"{len(told)} differences; {exact} of {len(before)} runs are the same to the last digit")
-    return int(bool(told))
+def _compared(before: Results, after: Results) -> int:
+    """Prints a table of differences; returns the exit code."""
+    lines = differences(before, after)
+    exact = sum(result.get("hash", "") == after.get(name, {}).get("hash") for name, result in before.items())
+    print(_ROW.format("run", "figure", "before", "after"), *lines, sep="\n")
+    print(f"{len(lines)} differences; {exact} of {len(before)} runs are the same to the last digit")
+    return int(bool(lines))
 
 
 if __name__ == "__main__":

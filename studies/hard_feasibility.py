@@ -1,13 +1,13 @@
-"""What a hard feasibility check of every node does to the right signs of a real log, whose signs are hidden.
+"""Does a hard feasibility check of every node prune the right signs? A real log, its signs hidden.
 
     python -m bayesid.studies.hard_feasibility [ROBOT LOG]
 
-Algorithm 1 runs on the same segments with three rules. Infeasible nodes have a price, that of the cone; or all nodes
-are pruned whose OLS estimate is infeasible; or those whose price is too high for chance, by a chi-square test of the
-residuals. Where a rule prunes all nodes of a depth the cheapest one goes on. Printed are at how many depths least
-squares with the right signs is feasible, how many nodes are feasible, the cost of the best leaf, and its wrong signs.
-Right are the signs of the logged efforts' sums; they count in segments with at least 5 % of the energy of their joint's
-strongest.
+Algorithm 1 runs on the same segments with three rules: infeasible nodes cost more, by the cone; nodes with an
+infeasible OLS estimate are pruned; nodes are pruned whose extra cost is significant in a chi-square test of the
+residuals. Where a rule prunes all nodes of a depth, the cheapest one is kept. The command prints the number of depths
+at which OLS with the right signs is feasible, the number of feasible nodes, the cost of the best leaf, and its wrong
+signs. Right signs are those of the sums of the logged efforts, in segments with at least 5 % of the energy of their
+joint's strongest one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ CHANCE = 0.999
 
 
 def problem_of(robot: str, path: Path) -> tuple[SignProblem, Integers]:
-    """The sign problem of the first round, and (S,) the signs of the logged efforts' sums."""
+    """The sign problem of the first round, and (S,) the signs of the sums of the logged efforts."""
     arm, log = load_robot(robot), read_log(path)
     signals = prepare(log.rectified())
     model = Model(arm, make_terms(STANDARD, arm, signals.motion))
@@ -55,7 +55,7 @@ def problem_of(robot: str, path: Path) -> tuple[SignProblem, Integers]:
 
 @one_blas_thread
 def main(robot: str, path: Path) -> None:
-    """Prints all three."""
+    """Prints the results of all three rules."""
     problem, truth = problem_of(robot, path)
     m = problem.normal_equations
     margins = _along(problem, truth)
@@ -68,17 +68,17 @@ def main(robot: str, path: Path) -> None:
     np.maximum.at(strongest, m.joint, m.energy)
     strong = m.energy >= TUNING.strong * strongest[m.joint]
 
-    def too_dear(nodes: Candidates) -> Mask:
-        """By a chi-square test: the price has as many degrees of freedom as coefficients are decided."""
+    def too_costly(nodes: Candidates) -> Mask:
+        """Chi-square test with as many degrees of freedom as determined coefficients."""
         decided = len(decided_rows(nodes.hessian)[0])
         samples = int(m.count[nodes.decided].sum())
         variance = max(1.0, float(nodes.ols_costs.min()) / max(samples - decided, 1))
         return (nodes.cone_costs - nodes.ols_costs) / variance > chi2.ppf(CHANCE, decided)
 
     rules: dict[str, Refusal | None] = {
-        "infeasible nodes have a price": None,
+        "infeasible nodes cost more": None,
         "infeasible nodes are pruned": lambda nodes: nodes.margins < 0.0,
-        f"nodes are pruned whose price passes chance ({CHANCE:.1%})": too_dear,
+        f"nodes with a significant extra cost ({100 * CHANCE:.1f} %) are pruned": too_costly,
     }
     for rule, refuse in rules.items():
         result, nodes = algorithm1(problem, refuse=refuse)
@@ -91,7 +91,7 @@ def main(robot: str, path: Path) -> None:
 
 
 def _along(problem: SignProblem, truth: Integers) -> Array:
-    """Margins of the right signs at each depth from the fifth on."""
+    """Feasibility margins of the right signs at each depth from the fifth."""
     check, m, found = FeasibilityCheck(problem.cone, problem.coefficients.projection), problem.normal_equations, []
     order = np.argsort(-m.energy, kind="stable")
     for depth in range(5, len(order) + 1):

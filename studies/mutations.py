@@ -1,9 +1,9 @@
-"""Do the tests notice a wrong sign, factor, index or comparison? Numerical lines are changed at random, one at a time.
+"""Do the tests detect a wrong sign, factor, index or comparison? Random changes of numerical expressions.
 
-`python -m bayesid.studies.mutations --count 60 --seed 0` changes one expression of a copy of the source, runs the tests
-of that package (`tests/NAME`) until the first one fails, and prints which changes no test noticed. The same seed and
-source give the same changes: two sets of tests can be compared. Some changes alter nothing that can be seen (a bound
-that is never reached): what counts is the share beside that of an earlier commit.
+`python -m bayesid.studies.mutations --count 60 --seed 0` changes one expression in a copy of the source, runs the tests
+of its package (`tests/NAME`) until the first failure, and prints the changes that no test detects. Seed and source
+determine the changes. Some have no observable effect (a bound that is never reached): compare the share with that of an
+earlier commit.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from pathlib import Path
 
 import numpy as np
 
-PACKAGES = ("model", "fit", "signs", "posterior", "identification")
+PACKAGES = ("effects", "regression", "signs", "posterior", "identification")
 LONGEST = 600
-"""s that the tests of one package may take under a change: an endless loop counts as noticed."""
+"""s, limit for the tests of one package; exceeding it (an endless loop) counts as detected."""
 _SWAPPED: dict[type[ast.operator], ast.operator] = {
     ast.Add: ast.Sub(),
     ast.Sub: ast.Add(),
     ast.Mult: ast.Div(),
     ast.Div: ast.Mult(),
 }
-_TURNED: dict[type[ast.cmpop], ast.cmpop] = {
+_REVERSED: dict[type[ast.cmpop], ast.cmpop] = {
     ast.Lt: ast.Gt(),
     ast.Gt: ast.Lt(),
     ast.LtE: ast.GtE(),
@@ -51,8 +51,8 @@ class Mutation:
         line: where the expression begins.
         kind: sign, factor, index or comparison.
         before: the expression.
-        after: what stands in its place.
-        place: (first line, first column, last line, last column) of it; columns in bytes.
+        after: the changed expression.
+        place: (first line, first column, last line, last column) of the expression; columns in bytes.
     """
 
     path: str
@@ -64,7 +64,7 @@ class Mutation:
 
     @property
     def package(self) -> str:
-        """Whose tests should notice."""
+        """The package whose tests should detect it."""
         return self.path.split("/")[1]
 
     def applied(self, source: str) -> str:
@@ -76,12 +76,12 @@ class Mutation:
         return b"".join([*lines[: first - 1], changed, *lines[last:]]).decode()
 
     def __str__(self) -> str:
-        """Where, and what became what."""
+        """Place and change."""
         return f"{self.path}:{self.line} {self.kind}: {self.before} -> {self.after}"
 
 
 def mutations_of(source: str, path: str) -> Iterator[Mutation]:
-    """All changes of a file's functions; texts, annotations and what raises an error are left alone."""
+    """All changes of a file's functions, except in texts, annotations and raise statements."""
     for function in ast.walk(ast.parse(source)):
         if isinstance(function, ast.FunctionDef):
             for node in _numerical(function.body):
@@ -104,7 +104,7 @@ def _numerical(nodes: Sequence[ast.AST]) -> Iterator[ast.AST]:
 
 
 def _changed(node: ast.AST) -> tuple[str, str] | None:
-    """Kind and text of the changed expression; None for what is not changed."""
+    """Kind and text of the changed expression; None for other nodes."""
     if isinstance(node, ast.BinOp) and type(node.op) in _SWAPPED and not _is_text(node):
         kind = "sign" if isinstance(node.op, ast.Add | ast.Sub) else "factor"
         return kind, ast.unparse(ast.BinOp(node.left, _SWAPPED[type(node.op)], node.right))
@@ -114,8 +114,8 @@ def _changed(node: ast.AST) -> tuple[str, str] | None:
         return "factor", repr(2.0 * node.value)
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, int):
         return "index", ast.unparse(ast.Subscript(node.value, ast.Constant(1 - node.slice.value), ast.Load()))
-    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _TURNED:
-        return "comparison", ast.unparse(ast.Compare(node.left, [_TURNED[type(node.ops[0])]], node.comparators))
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _REVERSED:
+        return "comparison", ast.unparse(ast.Compare(node.left, [_REVERSED[type(node.ops[0])]], node.comparators))
     return None
 
 
@@ -128,7 +128,7 @@ def _is_text(node: ast.BinOp) -> bool:
 
 
 def drawn(root: Path, count: int, seed: int) -> list[Mutation]:
-    """So many changes, each kind as often as the others."""
+    """Random changes, each kind equally often."""
     found: dict[str, list[Mutation]] = {}
     for package in PACKAGES:
         for path in sorted((root / "bayesid" / package).rglob("*.py")):
@@ -166,14 +166,12 @@ def _tests_fail(root: Path, package: str) -> bool:
 
 
 def main() -> None:
-    """Prints which changes were noticed, and their share."""
+    """Prints the changes, detected or missed, and the share of detected ones."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--count", type=int, default=60, help="changes (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="by which they are drawn (default: %(default)s)")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="at once (default: one a core)")
-    parser.add_argument(
-        "--root", type=Path, default=Path(__file__).parents[1], help="of the source (default: this one)"
-    )
+    parser.add_argument("--count", type=int, default=60, help="number of changes (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the random changes (default: %(default)s)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="in parallel (default: one per core)")
+    parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="folder of the source")
     options = parser.parse_args()
     mutations, caught = drawn(options.root, options.count, options.seed), 0
     with ThreadPoolExecutor(options.workers) as pool:
@@ -185,8 +183,8 @@ def main() -> None:
         results = pool.map(lambda mutation: fails(options.root, mutation.package, mutation), mutations)
         for mutation, failed in zip(mutations, results, strict=True):
             caught += failed
-            print("noticed " if failed else "MISSED  ", mutation, flush=True)
-    print(f"{caught} of {len(mutations)} changes noticed ({caught / len(mutations):.0%})")
+            print("detected" if failed else "MISSED  ", mutation, flush=True)
+    print(f"{caught} of {len(mutations)} changes detected ({100 * caught / len(mutations):.0f} %)")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""Rules that are not convex, on top of an identification: PBPR by annealing from its feasible parameters.
+"""Non-convex constraints after an identification: PBPR by annealing from its feasible parameters.
 
     python -m bayesid.studies.nonconvex
 
-A log of the paper's KR5 is simulated, its signs hidden. It is identified with what is convex: the mass of all links.
-Then annealing looks for feasible parameters that satisfy two rules besides. Printed is, for each set of rules, by how
-many nats the coefficients move away from those that were identified, phi1 / 2 with the information matrix as weight;
-whether each rule is satisfied before and after; and the seconds.
+A log of the paper's KR5 is simulated, its signs hidden, and identified with a convex constraint on the total mass.
+Annealing then finds feasible parameters that also satisfy two non-convex rules. For each set of rules the command
+prints whether they are satisfied before and after; the cost in nats, phi1 / 2 with the information matrix as weight, by
+which the coefficients differ from the identified ones; and the seconds.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from bayesid.studies.pbpr import (
 
 @dataclass(frozen=True)
 class Retrieved:
-    """Parameters under rules.
+    """Parameters that satisfy rules.
 
     Attributes:
         theta: (P,) parameters.
-        cost: nats by which their coefficients are away from those that were identified.
-        before: violation of each constraint by the identified parameters, by name; 0 where it holds.
-        after: the same of theta.
+        cost: distance of their coefficients from the identified ones, nats.
+        before: violation of each constraint by the identified parameters, by name; 0 if satisfied.
+        after: the same for theta.
         seconds: of wall time.
     """
 
@@ -57,26 +57,26 @@ class Retrieved:
 
     @property
     def satisfied(self) -> bool:
-        """Whether theta satisfies all of them."""
+        """Whether theta satisfies all rules."""
         return max(self.after.values()) <= TOLERANCE
 
 
 def retrieve(
     result: Identification, rules: Sequence[Constraint], bounds: Bounds, annealing: Annealing | None = None
 ) -> Retrieved:
-    """Feasible parameters under rules, near the coefficients of a result; its own constraints hold as well.
+    """Feasible parameters that satisfy rules, and the constraints of the result, near the result's coefficients.
 
     Raises:
-        InputError: a rule's violation is not a finite number, or two share a name.
+        InputError: a rule's violation is not a finite number, or two rules share a name.
         SolverError: the distance could not be minimised in the box.
     """
     cone, start = result.model.cone, result.fit.theta
-    own = [feasible_inertia(), *([] if cone.stated is None else [stated(cone.stated)])]
+    constraints = [feasible_inertia(), *([] if cone.stated is None else [stated(cone.stated)]), *rules]
     error = coefficient_error(result.coefficients, result.fit.beta, result.fit.information)
     began = time.perf_counter()
-    found = retrieve_by_annealing(error, cone, bounds, [*own, *rules], annealing, start)
+    found = retrieve_by_annealing(error, cone, bounds, constraints, annealing, start)
     seconds = time.perf_counter() - began
-    before = {one.name: max(float(one.violation(Bodies(start, cone))), 0.0) for one in (*own, *rules)}
+    before = {c.name: max(float(c.violation(Bodies(start, cone))), 0.0) for c in constraints}
     return Retrieved(found.theta, 0.5 * max(found.phi, 0.0), before, dict(found.violations), seconds)
 
 
@@ -95,12 +95,12 @@ RULES = (Constraint("m3 < m2 / 2 or |c3| <= 0.1", conditional), Constraint("m4 *
 
 
 def weight(p: StatedParameters) -> list[object]:
-    """Of the whole arm, kg: that simulated weighs 28."""
+    """Total mass, kg; that of the simulated arm is 28."""
     return [p.total_mass >= 26, p.total_mass <= 30]
 
 
 def identified() -> Identification:
-    """The KR5's log without signs, identified."""
+    """Identification of the KR5's log without signs."""
     model = paper_model()
     motion = random_trajectory(6, 13.33, rng=0).motion(np.arange(667) / 50.0)
     log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(0), noise=0.05)
@@ -113,7 +113,7 @@ def box(result: Identification) -> Bounds:
 
 
 def main() -> None:
-    """Prints a line for each rule by itself, and for both together."""
+    """Prints one line for each rule alone, and one for both together."""
     result = identified()
     print(f"{'rules':<44}{'before':>8}{'after':>8}{'cost, nats':>12}{'seconds':>9}")
     for rules in (RULES[:1], RULES[1:], RULES):

@@ -1,4 +1,4 @@
-"""PBPR: parameters of all links within bounds and under any constraints at all, by penalties and simulated annealing.
+"""PBPR: parameters of all links within bounds and under arbitrary constraints, by penalties and simulated annealing.
 
 After Gaz, Flacco and De Luca, "Extracting feasible robot parameters from dynamic coefficients using nonlinear
 optimization methods" (ICRA 2016), :eq:`pbpr`::
@@ -6,15 +6,14 @@ optimization methods" (ICRA 2016), :eq:`pbpr`::
     minimise  phi(theta) + gamma(theta)   over  lower <= theta <= upper,
 
 with phi1 = |beta(theta) - beta_hat|^2 (`coefficient_error`) or phi2 = |Y beta(theta) - tau|^2 (`effort_error`), and
-gamma the weighted penalties of the constraints that are violated. Constraints are Python functions: they may be
-nonlinear, not convex or conditional, which the cone of `regression.solver` cannot state. It costs time, and nothing is
-proven.
+gamma the weighted penalties of the violated constraints. Constraints are Python functions: they may be nonlinear, not
+convex or conditional, unlike those of the cone of `regression.solver`. This takes longer, and proves nothing.
 
-As in the paper, annealing is run several times, each run from where the one before ended and with a heavier penalty.
-Before the first run there is no penalty, and phi alone is a convex quadratic in a box, so bounded least squares
-minimises it exactly; where that minimum satisfies every constraint it is the answer and nothing is annealed. Two more
-things differ: the penalty is the violation squared (in the authors' code for the Panda, 2019, it is proportional), so
-that the local search has a gradient at the edge of what is allowed; and that gradient is analytic in phi.
+As in the paper, annealing runs several times, each run from the end of the one before and with a larger penalty. Before
+the first run phi without penalty, a convex quadratic in a box, is minimised exactly by bounded least squares; if that
+minimum satisfies every constraint, it is the result. Two differences from the paper: the penalty is the squared
+violation (in the authors' code for the Panda, 2019, it is proportional), so that the local search has a gradient at the
+boundary; and that gradient is analytic in phi.
 """
 
 from __future__ import annotations
@@ -38,19 +37,19 @@ from bayesid.robot.inertia import inertia_matrix
 TOLERANCE = 1e-6
 """Violation up to which a constraint counts as satisfied, in the constraint's unit: the solver's tolerance."""
 _FIRST_WEIGHT = 1e-3
-"""Penalty of a unit of violation squared in the first run, in units of phi(0): later runs raise it."""
+"""Penalty of a unit of squared violation in the first run, in units of phi(0); later runs raise it."""
 _TEMPERATURE = 1.0
-"""Start of each run, in units of phi(0): the first jumps span the box, those after thirty steps a ten-thousandth."""
+"""At the start of each run, in units of phi(0): the first jumps span the box, those after 30 steps 1e-4 of it."""
 _TOWARDS_START = 1e-7
-"""Pull to where the search begins, relative to phi(0): it moves only what leaves no trace in phi."""
+"""Weight of a penalty on the distance from the start, relative to phi(0): it moves only parameters that phi ignores."""
 _STEP = 1e-9
-"""Of the constraints' difference quotients, as a share of the box: well below the tolerance, well above rounding."""
+"""Of the constraints' difference quotients, as a share of the box: far below the tolerance, far above rounding."""
 _LOCAL_ITERATIONS = 1000
-"""Of a local search and of its evaluations, at most; it ends by its tolerances."""
+"""Limit of iterations and of evaluations of a local search, which usually ends by its tolerances."""
 _LOCAL_DECREASE = 1e-15
-"""Relative decrease of the cost at which a local search ends: as far as rounding allows."""
+"""Relative decrease of the cost at which a local search ends: the limit of rounding."""
 _LOCAL_SLOPE = 1e-12
-"""Slope of the cost, in units of phi(0), at which a local search ends: as far as rounding allows."""
+"""Slope of the cost, in units of phi(0), at which a local search ends: the limit of rounding."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -73,7 +72,7 @@ class Bounds:
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", frozen(self.upper, lower.shape, "upper"))
         if np.any(self.lower >= self.upper):
-            raise ValueError(f"bounds {np.flatnonzero(self.lower >= self.upper)} leave no room: lower >= upper")
+            raise ValueError(f"empty bounds {np.flatnonzero(self.lower >= self.upper)}: lower >= upper")
 
 
 def make_bounds(
@@ -83,9 +82,9 @@ def make_bounds(
     reach: float = 0.5,
     other: float = 100.0,
 ) -> Bounds:
-    """A box for a model's parameters: generous by default, as narrow as the user knows better by name.
+    """A box for a model's parameters, wide by default.
 
-    A link with no mass farther than `reach` from its frame's origin along any axis has |mc| <= m reach,
+    A link whose mass is within `reach` of its frame's origin along each axis has |mc| <= m reach,
     0 <= Jxx <= 2 m reach^2 and |Jxy| <= m reach^2.
 
     Args:
@@ -93,7 +92,7 @@ def make_bounds(
         overrides: (lower, upper) of single parameters, by their names in `model.parameters`, in their units.
         mass: largest mass of a link, kg; the smallest is a thousandth of it.
         reach: of a link's mass from its frame's origin, m.
-        other: largest size of every other parameter, in its unit; one that the cone wants >= 0 starts at 0.
+        other: largest size of every other parameter, in its unit; nonnegative ones start at 0.
 
     Raises:
         InputError: an override names no parameter of the model, or is not a finite (lower, upper) with lower < upper.
@@ -119,12 +118,12 @@ def make_bounds(
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SquaredError:
-    """phi(theta) = |factor theta - target|^2 + rest, what PBPR fits (:eq:`pbpr-error`).
+    """phi(theta) = |factor theta - target|^2 + rest, the objective of PBPR (:eq:`pbpr-error`).
 
     Attributes:
         factor: (k, P).
         target: (k,).
-        rest: what no parameters explain.
+        rest: the part that no parameters explain.
     """
 
     factor: Array
@@ -143,7 +142,7 @@ class SquaredError:
 
 
 def coefficient_error(coefficients: BaseCoefficients, beta: Array, weight: Array | None = None) -> SquaredError:
-    """phi1 = (B theta - beta)' W (B theta - beta), the distance to coefficients that are already known.
+    """phi1 = (B theta - beta)' W (B theta - beta), the distance to given coefficients.
 
     Args:
         coefficients: the r base coefficients, for B.
@@ -156,7 +155,7 @@ def coefficient_error(coefficients: BaseCoefficients, beta: Array, weight: Array
 
 
 def effort_error(coefficients: BaseCoefficients, hessian: Array, gradient: Array, energy: float) -> SquaredError:
-    """phi2 = |Y B theta - tau|^2 = theta' B' H B theta - 2 g' B theta + c, from moments instead of rows.
+    """phi2 = |Y B theta - tau|^2 = theta' B' H B theta - 2 g' B theta + c, from normal equations.
 
     Args:
         coefficients: the r base coefficients, for B.
@@ -179,11 +178,11 @@ def effort_error(coefficients: BaseCoefficients, hessian: Array, gradient: Array
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Bodies:
-    """Parameters as a constraint wants to see them; n bodies (a payload counts as one), each in its own frame.
+    """Parameters of n bodies (links and payloads), each in its own frame, for constraints.
 
     Attributes:
         theta: (P,) all parameters of the model.
-        cone: where the bodies are in theta.
+        cone: defines the places of the bodies in theta.
     """
 
     theta: Array
@@ -224,12 +223,12 @@ class Bodies:
 
 @dataclass(frozen=True)
 class Constraint:
-    """Something that the parameters must satisfy, as a function of them.
+    """A condition on the parameters, as a function of them.
 
-    The violation is a number in a unit of the constraint's choosing (1e-6 of it counts as none): zero or less where
-    the constraint is satisfied, growing with the distance from there, best continuously. It may be nonlinear and
-    conditional. "A forearm (the third link) heavier than 4 kg carries its motors at the elbow, so its centre of mass
-    is within 0.1 m of it" reads
+    The violation is a number in any unit (up to 1e-6 counts as satisfied): zero or less where the constraint is
+    satisfied, and growing, preferably continuously, with the distance from there. It may be nonlinear and conditional.
+    "A forearm (the third link) heavier than 4 kg has its motors at the elbow, so its centre of mass is within 0.1 m of
+    it" reads
 
         def motors_at_elbow(bodies):
             return min(bodies.mass[2] - 4.0, np.linalg.norm(bodies.center_of_mass[2]) - 0.1)
@@ -246,13 +245,12 @@ class Constraint:
 
 
 def feasible_inertia(margin: float = 2 * TOLERANCE) -> Constraint:
-    """Every pseudo-inertia positive definite (Wensing, Kim, Slotine 2018): what a body of positive density has.
+    """Every pseudo-inertia is positive definite, as for a body of positive density (Wensing, Kim, Slotine 2018).
 
-    The violation is the distance of the pseudo-inertias from those whose eigenvalues are all >= margin.
+    The violation is the distance of the pseudo-inertias from those with all eigenvalues >= margin.
 
     Args:
-        margin: smallest eigenvalue (kg m^2 to kg); more than the tolerance, so that what counts as satisfied is
-            strictly feasible.
+        margin: smallest eigenvalue (kg m^2 to kg); above the tolerance, so that satisfied means strictly feasible.
     """
 
     def violation(bodies: Bodies) -> float:
@@ -263,7 +261,7 @@ def feasible_inertia(margin: float = 2 * TOLERANCE) -> Constraint:
 
 
 def stated(constraints: Constraints) -> Constraint:
-    """What an identification was given as `constraints=`: `result.model.cone.stated`, all of it."""
+    """All constraints of an identification (`constraints=`), from `result.model.cone.stated`."""
 
     def violation(bodies: Bodies) -> float:
         eigenvalues = np.linalg.eigvalsh(constraints.matrices(bodies.theta)).ravel()
@@ -274,7 +272,7 @@ def stated(constraints: Constraints) -> Constraint:
 
 
 def total_mass(lowest: float, highest: float) -> Constraint:
-    """The masses of all links within a window, kg: a robot's weight is in its data sheet."""
+    """The total mass of all links is within a range, kg."""
 
     def violation(bodies: Bodies) -> float:
         total = float(bodies.mass.sum())
@@ -284,7 +282,7 @@ def total_mass(lowest: float, highest: float) -> Constraint:
 
 
 def center_of_mass_inside(lowest: Array, highest: Array) -> Constraint:
-    """Every link's centre of mass inside a box around its hull.
+    """Every link's centre of mass is inside a box.
 
     Args:
         lowest: (n, 3) corner of each box in the link's frame, m.
@@ -299,7 +297,7 @@ def center_of_mass_inside(lowest: Array, highest: Array) -> Constraint:
 
 
 def _excess(distances: Array) -> float:
-    """Length of the positive part: its square is smooth where a constraint becomes active."""
+    """Norm of the positive part; its square is smooth where a constraint becomes active."""
     return float(np.linalg.norm(np.maximum(distances, 0.0)))
 
 
@@ -308,13 +306,13 @@ def _excess(distances: Array) -> float:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Annealing:
-    """How long to search.
+    """Length of the search.
 
     Attributes:
-        runs: at most; no run follows one that satisfies all constraints.
-        evaluations: of phi + gamma in a run, after which no more jumps are tried; a local search ends the run.
-        growth: of the penalty's weight from one run to the next.
-        seed: of the random jumps; the same seed gives the same result.
+        runs: largest number; the first run that satisfies all constraints is the last.
+        evaluations: of phi + gamma in a run before the final local search.
+        growth: factor on the penalty's weight from run to run.
+        seed: of the random jumps.
     """
 
     runs: int = 12
@@ -325,15 +323,15 @@ class Annealing:
 
 @dataclass(frozen=True)
 class AnnealedParameters:
-    """What PBPR reached.
+    """The result of PBPR.
 
     Attributes:
         theta: (P,) parameters, inside their bounds.
         phi: the error at theta, without penalties.
-        violations: of each constraint, by name; 0 where it holds.
-        penalty_weight: of the last run, phi(0) per squared unit of violation; 0 if nothing was annealed.
+        violations: of each constraint, by name; 0 if satisfied.
+        penalty_weight: of the last run, phi(0) per squared unit of violation; 0 without annealing.
         runs: of the annealing.
-        evaluations: of phi + gamma, those for difference quotients included.
+        evaluations: of phi + gamma, including those for difference quotients.
     """
 
     theta: Array
@@ -345,7 +343,7 @@ class AnnealedParameters:
 
     @property
     def satisfied(self) -> bool:
-        """Whether all constraints hold (to `TOLERANCE`); theta is not to be called feasible otherwise."""
+        """Whether theta satisfies all constraints, to `TOLERANCE`."""
         return all(violation <= TOLERANCE for violation in self.violations.values())
 
 
@@ -361,11 +359,11 @@ def retrieve_by_annealing(
 
     Args:
         error: phi1 or phi2 of the P parameters.
-        cone: says which parameters are bodies; it constrains nothing by itself.
-        bounds: the box; what leaves no trace in `error` stays where `start` has it unless a constraint moves it.
+        cone: defines the places of bodies; it is not a constraint by itself.
+        bounds: the box; parameters that `error` ignores stay at `start` unless a constraint moves them.
         constraints: `feasible_inertia()` if None.
-        annealing: how long to search.
-        start: (P,) parameters to begin with, say those that were identified; by default the middle of the box.
+        annealing: length of the search.
+        start: (P,) initial parameters, for example identified ones; by default the middle of the box.
 
     Raises:
         InputError: a constraint's violation is not a finite number, or two constraints share a name.
@@ -385,7 +383,7 @@ def retrieve_by_annealing(
 
 
 class _Problem:
-    """phi + weight * sum of squared violations in units of phi(0), over the unit box; counts what it evaluates."""
+    """phi + weight * sum of squared violations in units of phi(0), over the unit box; counts evaluations."""
 
     def __init__(self, error: SquaredError, cone: Cone, bounds: Bounds, constraints: tuple[Constraint, ...]) -> None:
         names = [constraint.name for constraint in constraints]
@@ -399,7 +397,7 @@ class _Problem:
         self._target = (error.target - error.factor @ bounds.lower) / root
 
     def theta(self, x: Array) -> Array:
-        """(P,) parameters at a point (P,) of the unit box, inside the bounds whatever the rounding."""
+        """(P,) parameters at a point (P,) of the unit box, clipped to the bounds."""
         return np.clip(self._bounds.lower + self._width * x, self._bounds.lower, self._bounds.upper)
 
     def violations(self, x: Array) -> Array:
@@ -415,7 +413,7 @@ class _Problem:
         return violations
 
     def cost(self, x: Array, weight: float) -> float:
-        """Adds phi and gamma, without phi's constant part."""
+        """Value of phi + gamma, without phi's constant part."""
         error, violations = self._factor @ x - self._target, self.violations(x)
         return float(error @ error + weight * (violations @ violations))
 
@@ -437,10 +435,10 @@ class _Problem:
         return slopes
 
     def least_squares(self, start: Array | None = None) -> Array:
-        """(P,) where phi is least in the box, by active sets (Stark and Parker 1995); exact.
+        """(P,) the exact minimum of phi in the box, by active sets (Stark and Parker 1995).
 
         Raises:
-            SolverError: the active set did not settle.
+            SolverError: the active set did not converge.
         """
         size = self._factor.shape[1]
         rows = np.vstack([self._factor, _TOWARDS_START * np.eye(size)])
@@ -457,7 +455,7 @@ class _Problem:
         def cost(at: Array) -> float:
             return self.cost(at, weight)
 
-        # As many corrections as parameters: the valley of phi is narrow, and an iteration costs less than a gradient.
+        # As many corrections as parameters: phi is ill-conditioned, and an iteration costs less than a gradient.
         local = {
             "method": "L-BFGS-B",
             "jac": lambda at: self.gradient(at, weight),
@@ -473,24 +471,23 @@ class _Problem:
         annealed = scipy.optimize.dual_annealing(
             cost, local["bounds"], x0=x, maxfun=evaluations, seed=rng, initial_temp=_TEMPERATURE, minimizer_kwargs=local
         )
-        # The last jump may have reached a new valley when the evaluations ran out.
+        # The last jump may not have had its local search.
         polished = scipy.optimize.minimize(cost, annealed.x, **local)
         return _clipped(polished.x if polished.fun < annealed.fun else annealed.x)
 
 
 def _clipped(x: Array) -> Array:
-    """(P,) the point of the unit box nearest to x: solvers keep to bounds up to rounding."""
+    """(P,) the point of the unit box nearest to x; solvers may violate bounds by rounding."""
     clipped: Array = np.clip(x, 0.0, 1.0)
     return clipped
 
 
 @dataclass(frozen=True)
 class AnnealedLeastSquares:
-    """PBPR as the price of a node (`bayesid.signs.search.protocol.NodeSolver`), as in T-PBPR.
+    """PBPR as the solver of a node (`bayesid.signs.search.protocol.NodeSolver`), as in T-PBPR.
 
-    Slow next to `ConeLeastSquares`. A node that violates constraints after the last run keeps its penalty in its cost,
-    and the largest violation in its solution's tolerance: compare that with `TOLERANCE` before calling a solution
-    feasible.
+    Slower than `ConeLeastSquares`. If a node violates constraints after the last run, its cost includes the penalty and
+    its solution's tolerance is the largest violation: a solution is feasible if that is at most `TOLERANCE`.
 
     Attributes:
         cone: the cone of the P parameters.
@@ -498,7 +495,7 @@ class AnnealedLeastSquares:
         bounds: the box.
         energy: c of all data, the unit of the penalties.
         constraints: `feasible_inertia()` by default.
-        annealing: how long to search in each node.
+        annealing: length of the search in each node.
     """
 
     cone: Cone
@@ -509,7 +506,7 @@ class AnnealedLeastSquares:
     annealing: Annealing = field(default_factory=Annealing)
 
     def prepared(self, hessian: Array) -> AnnealedNode:
-        """The price of nodes with one H (r, r)."""
+        """The solver of nodes with one H (r, r)."""
         return AnnealedNode(self, hessian)
 
 
@@ -518,11 +515,11 @@ class AnnealedNode:
     """PBPR for one H.
 
     Attributes:
-        price: bounds, constraints and annealing.
+        solver: bounds, constraints and annealing.
         hessian: (r, r) H.
     """
 
-    price: AnnealedLeastSquares
+    solver: AnnealedLeastSquares
     hessian: Array
 
     def solve(self, gradient: Array) -> Solution:
@@ -532,9 +529,9 @@ class AnnealedNode:
             InputError: a constraint's violation is not a finite number.
             SolverError: phi could not be minimised in the box.
         """
-        price = self.price
-        error = effort_error(price.coefficients, self.hessian, gradient, price.energy)
-        best = retrieve_by_annealing(error, price.cone, price.bounds, price.constraints, price.annealing)
+        solver = self.solver
+        error = effort_error(solver.coefficients, self.hessian, gradient, solver.energy)
+        best = retrieve_by_annealing(error, solver.cone, solver.bounds, solver.constraints, solver.annealing)
         violations = np.array(list(best.violations.values()))
         penalty = error.size * best.penalty_weight * float(violations @ violations)
-        return Solution(best.theta, best.phi + penalty - price.energy, float(violations.max(initial=0.0)))
+        return Solution(best.theta, best.phi + penalty - solver.energy, float(violations.max(initial=0.0)))

@@ -1,9 +1,7 @@
 """Do designed motions help to find signs? Designs by the condition number against random motions of the same limits.
 
-Robots that the design has not seen; logs so short and so noisy that signs begin to go wrong. `python -m
-bayesid.studies.benchmarks.excitation [TRIALS] [ROBOT ..]` prints what each robot and kind of motion gave.
-
-An objective with a term for signs beside the condition number gained nothing clear here, and was taken out.
+Random robots; logs so short and noisy that some signs are wrong. `python -m bayesid.studies.benchmarks.excitation
+[TRIALS] [ROBOT ..]` prints the share of right signs by robot and kind of motion.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from bayesid.studies.simulated import STRONG
 
 @dataclass(frozen=True)
 class Case:
-    """What is tried on a robot; noise is relative to the RMS efforts."""
+    """Settings for a robot; noise is relative to the RMS efforts."""
 
     terms: tuple[str, ...]
     noise: float
@@ -45,30 +43,30 @@ CASES = {"kr5": Case(("rigid_body",), 1.0), "ur10e": Case(STANDARD, 1.0)}
 _SEEDS = (0, 1, 2, 3)
 """Of the designs of each robot."""
 _UNSEEN = 1000
-"""Added to the seed of a trial: robots that no design has drawn."""
+"""Added to the seed of a trial, so that robots differ from those of the designs."""
 _EVALUATIONS = 3000
-"""Of a design's objective, half of the default: both objectives have converged by then."""
+"""Of a design's objective: half of the default."""
 _BUDGET = 0.3
 """Nominal seconds of a proof: signs are scored, not proven."""
 _COARSE = Segmentation(prominence=0.1)
-"""So much noise makes hundreds of minima that mean nothing."""
+"""Ignores minima of |effort| due to noise."""
 
 
 def designs(robot: str, case: Case) -> list[ExcitationDesign]:
-    """One a seed."""
+    """One design per seed."""
     settings = MotionSettings(duration=case.duration, rate=case.rate, changes=_EVALUATIONS)
     return [design_for_robot(robot, case.terms, settings=settings, seed=seed) for seed in _SEEDS]
 
 
 def random_motions(design: ExcitationDesign) -> list[Motion]:
-    """One a seed, within the limits of a design."""
+    """One motion per seed, within the limits of a design."""
     n, duration = design.model.robot.n_joints, float(design.motion.t[-1])
     made = [random_trajectory(n, duration, rng=seed, limits=design.limits) for seed in _SEEDS]
     return [trajectory.motion(design.motion.t) for trajectory in made]
 
 
 def share_right(robot: Robot, motion: Motion, case: Case, seed: int) -> float:
-    """Share of the strong samples of a log of the motion whose sign comes out right."""
+    """Share of the strong samples of a log of the motion whose sign is right."""
     rng = np.random.default_rng(_UNSEEN + seed)
     model = Model(robot, make_terms(case.terms, robot, motion))
     theta = random_parameters(model, rng=rng)
@@ -83,7 +81,7 @@ def share_right(robot: Robot, motion: Motion, case: Case, seed: int) -> float:
 
 
 def main(trials: int, robots: list[str]) -> None:
-    """Trials are shared out among the seeds of the motions; each meets the same robots and noise."""
+    """Prints shares of right signs; trials alternate between motions, with the same robots and noise for both kinds."""
     for name in robots:
         case = CASES[name]
         made = designs(name, case)

@@ -1,7 +1,7 @@
-"""One hour of a UR10e at 1 kHz, made minute by minute and never stored: moments in bounded memory, then the signs.
+"""One hour of a UR10e at 1 kHz, simulated minute by minute and never stored: normal equations in bounded memory, signs.
 
-Every minute is a new random motion. Segments are the runs of the true signs, cut at velocity reversals and at the ends
-of a minute; standstill is left out.
+Every minute is a new random motion. Segments are runs of the true signs, cut at velocity reversals and at the ends of a
+minute, without standstill.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ _RATE = 1000.0
 _MINUTE = 60.0
 """s."""
 _MOST_INDIVIDUAL = 5_000
-"""Segments of each joint that keep a Hessian of their own, as in the pipeline."""
+"""Segments of each joint with a separate Hessian, as in the pipeline."""
 
 
 def hour_in_new_process(duration: float) -> Row:
-    """`hour` in a process of its own, so that nothing else counts in its memory."""
+    """`hour` in a new process, to measure its memory alone."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(hour, duration).result()
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def hour(duration: float) -> Row:
-    """Moments and signs of `duration` seconds, with their speed and the peak of this process's memory."""
+    """Normal equations and signs of `duration` seconds, with their speed and the peak of this process's memory."""
     source = _Source.random()
     spent: list[float] = []
     raw = join_moments(source.pieces(round(duration / _MINUTE), spent), _MOST_INDIVIDUAL)
@@ -59,34 +59,33 @@ def hour(duration: float) -> Row:
         source.model.cone, base_coefficients(source.model), scaled.hessian.total(), float(scaled.energy.sum())
     )
     began = time.perf_counter()
-    best = certified(scaled, solver, budget=0.0)
+    certified(scaled, solver, budget=0.0)
     best_seconds = time.perf_counter() - began
     result = certified(scaled, solver, BUDGET)
     return {
-        "instants": round(duration * _RATE),
+        "samples": round(duration * _RATE),
         "segments": len(scaled),
-        "alone": int(scaled.individual.sum()),
-        "moments_seconds": sum(spent),
+        "separate": int(scaled.individual.sum()),
+        "normal_equations_seconds": sum(spent),
         "best_seconds": best_seconds,
         "seconds": result.seconds,
         "certified": result.certified,
         "gap": 1.0 - (result.lower_bound or 0.0) / result.cost,
         "missed": result.missed,
         "right": float(np.average(result.signs == source.true_signs(), weights=scaled.count)),
-        "same_as_best": bool(np.array_equal(best.signs, result.signs)),
         "peak": peak_memory(),
     }
 
 
 @dataclass
 class _Source:
-    """A robot that makes its log while it is read.
+    """A robot whose log is simulated while it is read.
 
     Attributes:
         model: robot and terms.
         theta: (P,) its parameters.
-        rms: (n,) of its efforts in the first minute, N m: noise is a share of that.
-        signs: true signs of the segments of every minute so far.
+        rms: (n,) of its efforts in the first minute, N m; noise is relative to it.
+        signs: true signs of the segments of all minutes so far.
     """
 
     model: Model
@@ -103,7 +102,7 @@ class _Source:
         return cls(model, theta, np.sqrt(np.mean(model.effort(first, theta) ** 2, axis=0)), [])
 
     def pieces(self, minutes: int, spent: list[float]) -> Iterator[NormalEquations]:
-        """Raw moments of every minute; only the seconds within `normal_equations` are added to `spent`."""
+        """Normal equations of every minute; their seconds are appended to `spent`."""
         coefficients, rng = base_coefficients(self.model), np.random.default_rng(1)
         for minute in range(minutes):
             motion = _motion(minute)
@@ -117,7 +116,7 @@ class _Source:
             yield piece
 
     def true_signs(self) -> Array:
-        """(S,) of all segments, in the order of the joined moments."""
+        """(S,) of all segments, in the order of the normal equations."""
         return np.concatenate(self.signs)
 
 
@@ -143,7 +142,7 @@ def _true_segments(true: Array, motion: Motion) -> tuple[Segments, Array]:
 def peak_memory() -> float:
     """Largest resident size of this process so far, bytes.
 
-    Linux hands the peak that getrusage reports down to a new program; /proc counts from its start.
+    On Linux the peak of getrusage includes the parent's; /proc counts from the start of the process.
     """
     status = Path("/proc/self/status")
     if status.is_file():

@@ -1,4 +1,4 @@
-"""T-PBPR with every node solved through cvxpy: what a plain implementation of the paper costs."""
+"""T-PBPR with every node solved through cvxpy: time of a plain implementation of the paper."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ except ImportError:
 
 @dataclass(frozen=True)
 class PlainNode:
-    """The price of a node as a user of cvxpy writes it down: the whole problem, stated anew every time.
+    """A node's problem in cvxpy, stated anew for every node.
 
     Attributes:
         cone: the cone of the P parameters.
         projection: (r, P) B.
-        size: (P,) of the parameters.
-        typical: (P,) where the Tikhonov term rho(theta) = w sum of ((theta - typical) / size)^2 leads.
+        size: (P,) scales of the parameters.
+        typical: (P,) centre of the Tikhonov term rho(theta) = w sum of ((theta - typical) / size)^2.
         energy: c of all data.
     """
 
@@ -43,19 +43,20 @@ class PlainNode:
         """The least cost of a feasible robot for the H (r, r), g (r,) and energy of some data.
 
         Raises:
-            SolverError: Clarabel has not solved it.
+            SolverError: Clarabel failed.
         """
         scaled = cp.Variable(self.cone.size)
         theta = cp.multiply(self.size, scaled)
         columns = self.projection * self.size
         data = cp.quad_form(scaled, cp.psd_wrap(columns.T @ hessian @ columns / self.energy))
-        pull = tikhonov_weight(self.energy) / self.energy * cp.sum_squares(scaled - self.typical / self.size)
+        tikhonov = tikhonov_weight(self.energy) / self.energy * cp.sum_squares(scaled - self.typical / self.size)
         constraints = [theta[self.cone.nonnegative] >= 0.0] if len(self.cone.nonnegative) else []
         for body in self.cone.bodies:
             constraints.append(sum(theta[int(i)] * PSEUDO_INERTIA_BASIS[k] for k, i in enumerate(body)) >> 0)
-        problem = cp.Problem(cp.Minimize(data - 2.0 * (gradient @ columns / self.energy) @ scaled + pull), constraints)
+        linear = 2.0 * (gradient @ columns / self.energy) @ scaled
+        problem = cp.Problem(cp.Minimize(data - linear + tikhonov), constraints)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of an inaccurate solution: a few nodes end with 1e-5
+            warnings.simplefilter("ignore", UserWarning)  # of inaccurate solutions: some nodes reach only 1e-5
             problem.solve(solver=cp.CLARABEL)
         if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
             raise SolverError("a node through cvxpy", problem.status)
@@ -63,7 +64,7 @@ class PlainNode:
 
 
 def plain_node(problem: LogProblem) -> PlainNode:
-    """The price with the same pull as the fast solver's, read off it as the quadratic that it is."""
+    """A node with the Tikhonov term of the fast solver, recovered from its values."""
     solver, cone = problem.solver(), problem.model.cone
     steps = np.eye(cone.size)
     up, down = (np.array([solver.regularisation(sign * step) for step in steps]) for sign in (1.0, -1.0))
@@ -75,7 +76,7 @@ def plain_node(problem: LogProblem) -> PlainNode:
 def tree_through_cvxpy(problem: LogProblem, width: int = 5, initial: int = 5) -> tuple[Integers, float, int]:
     """T-PBPR (Gaz and De Luca, Algorithm 1), every node solved: signs (S,), cost, and the number of nodes.
 
-    Nothing is shared with `bayesid.signs.search.beam`: no bound spares a node, and no node's problem is prepared.
+    Unlike `bayesid.signs.search.beam`, it skips no node by a bound and prepares no node's problem.
     """
     normal_equations, node = problem.normal_equations, plain_node(problem)
     order = np.argsort(-normal_equations.energy)

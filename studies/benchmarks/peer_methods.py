@@ -1,6 +1,6 @@
-"""What others make of a log with signs, written out: ordinary and weighted least squares, the nearest feasible robot.
+"""Other methods for a log with signs: ordinary and weighted least squares, the nearest feasible robot.
 
-Filter, rows and regressor are those that bayesid uses, so that methods are compared and not what was done to the data.
+Filter, rows and regressor are those of bayesid, so that only the methods differ.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ except ImportError:
     raise SystemExit("cvxpy is not installed: pip install 'bayesid[bench]'") from None
 
 _ROUNDING = 1e-10
-"""Singular values, over the largest of columns of length 1, below which a direction is rounding."""
-_PULL = 1e-6
-"""Weight of the Tikhonov term to the usual link, in units of one whitened row: it decides what the log leaves open
-alone. The `prior_weight` that figaroh has by default."""
+"""Singular values of columns of length 1, relative to the largest, below which a direction is rounding."""
+_TIKHONOV = 1e-6
+"""Weight of the Tikhonov term towards the typical link, in units of one whitened row; the default `prior_weight` of
+figaroh. It determines only parameters that the log does not."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class Recording:
     """A log as every method gets it.
 
     Attributes:
-        robot: that was recorded.
+        robot: of the log.
         log: with its signs.
-        signals: the log on an even grid of N instants, its motion filtered.
-        used: (N, n) samples in motion, without both ends: those that are fitted, and predicted.
+        signals: the log on an even grid of N time steps, its motion filtered.
+        used: (N, n) samples that are fitted and predicted: in motion, without both ends.
     """
 
     robot: Robot
@@ -66,7 +66,7 @@ class Recording:
 
     @property
     def motion(self) -> Motion:
-        """The filtered one."""
+        """The filtered motion."""
         return self.signals.motion
 
     @cached_property
@@ -82,16 +82,16 @@ class Recording:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method says of a robot.
+    """A method's result.
 
     Attributes:
         model: robot and terms.
         coefficients: its r base coefficients.
         beta: (r,) their values.
-        interval: (2, r) ends of their 95 % intervals; NaN from a method that gives none.
-        effort: (N, n) efforts of a motion, N m.
-        theta: (P,) parameters; None from a method that gives coefficients only.
-        seconds: that it took.
+        interval: (2, r) ends of their 95 % intervals; NaN without intervals.
+        effort: function to efforts (N, n) of a motion, N m.
+        theta: (P,) parameters; None from a method that gives only coefficients.
+        seconds: of computing time.
     """
 
     model: Model
@@ -104,11 +104,11 @@ class Answer:
 
 
 Method = Callable[[Recording], Answer]
-"""From a log with signs."""
+"""From a log with signs to a result."""
 
 
 def timed(method: Method) -> Method:
-    """The same, and its seconds."""
+    """The method with its seconds in the result."""
 
     def answer(recording: Recording) -> Answer:
         began = time.perf_counter()
@@ -123,7 +123,7 @@ def timed(method: Method) -> Method:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class LeastSquares:
-    """Rows, whitened by each joint's sd, and what they say without any constraint.
+    """Rows, whitened by each joint's sd, and their unconstrained least squares.
 
     Attributes:
         rows: (K, r) of the base coefficients' regressor.
@@ -139,16 +139,16 @@ class LeastSquares:
 
     @property
     def covariance(self) -> Array:
-        """(r, r) the textbook's: white noise, its variance the residual's over the degrees of freedom."""
-        left = self.effort - self.rows @ self.beta
-        variance = float(left @ left) / (len(left) - len(self.beta))
+        """(r, r) for white noise, its variance the residual's over the degrees of freedom."""
+        residual = self.effort - self.rows @ self.beta
+        variance = float(residual @ residual) / (len(residual) - len(self.beta))
         length = np.linalg.norm(self.rows, axis=0)
         scaled = self.rows / length
         return variance * np.linalg.pinv(scaled.T @ scaled, rcond=_ROUNDING, hermitian=True) / np.outer(length, length)
 
 
 def least_squares(columns: Array, effort: Array, used: Mask, sigma: Array) -> LeastSquares:
-    """Of (N, n, r) columns and (N, n) efforts where (N, n) they are used, each joint divided by its sigma (n,)."""
+    """Least squares of columns (N, n, r) and efforts (N, n) where `used` (N, n), each joint divided by sigma (n,)."""
     rows, right = (columns / sigma[:, None])[used], (effort / sigma)[used]
     length = np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
     beta = np.linalg.lstsq(rows / length, right, rcond=_ROUNDING)[0] / length
@@ -156,10 +156,10 @@ def least_squares(columns: Array, effort: Array, used: Mask, sigma: Array) -> Le
 
 
 def weighted_least_squares(columns: Array, effort: Array, used: Mask) -> LeastSquares:
-    """IDIM-WLS (Gautier 1997): each joint by the sd that ordinary least squares leaves in it."""
+    """IDIM-WLS (Gautier 1997): each joint divided by its residual of ordinary least squares."""
     ordinary = least_squares(columns, effort, used, np.ones(effort.shape[1]))
-    left = (effort - columns @ ordinary.beta) ** 2 * used
-    return least_squares(columns, effort, used, np.sqrt(left.sum(axis=0) / used.sum(axis=0)))
+    squares = (effort - columns @ ordinary.beta) ** 2 * used
+    return least_squares(columns, effort, used, np.sqrt(squares.sum(axis=0) / used.sum(axis=0)))
 
 
 def _without_constraint(recording: Recording, fit: Callable[[Array, Array, Mask], LeastSquares]) -> Answer:
@@ -194,10 +194,10 @@ def weighted(recording: Recording) -> Answer:
 # ---------------------------------------------------------------------------------------------------------------
 @timed
 def weighted_feasible(recording: Recording) -> Answer:
-    """Weighted least squares, then the feasible parameters nearest to it in its own metric, by an SDP.
+    """Weighted least squares, then the nearest feasible parameters in its metric, by an SDP.
 
-    (B theta - beta)' H (B theta - beta) is what the rows' squares grow by: the SDP of FloBaRoID (Sousa and Cortesao
-    2014) and of figaroh's `physical_fit`.
+    It minimises (B theta - beta)' H (B theta - beta), as do FloBaRoID (Sousa and Cortesao 2014) and figaroh's
+    `physical_fit`.
     """
     model, coefficients = recording.model, base_coefficients(recording.model)
     columns = model.columns(recording.motion)[:, :, coefficients.selected]
@@ -209,47 +209,47 @@ def weighted_feasible(recording: Recording) -> Answer:
 
 
 def nearest_feasible(model: Model, coefficients: BaseCoefficients, found: LeastSquares) -> Array:
-    """(P,) the feasible parameters whose rows' squares are the least.
+    """(P,) the feasible parameters with the least squared residuals.
 
     Raises:
-        SolverError: Clarabel has not solved it.
+        SolverError: Clarabel failed.
     """
-    scale, usual = _usual(model)
+    scale, typical = _typical(model)
     root = np.linalg.qr(found.rows, mode="r")
     scaled = cp.Variable(model.cone.size)
-    energy = float(np.sum((root @ found.beta) ** 2))  # by which all is divided: the solver fails on large numbers
-    left = (root @ (coefficients.projection * scale) @ scaled - root @ found.beta) / np.sqrt(energy)
-    objective = cp.sum_squares(left) + _PULL / energy * cp.sum_squares(scaled - usual / scale)
+    energy = float(np.sum((root @ found.beta) ** 2))  # scales the problem: the solver fails on large numbers
+    residual = (root @ (coefficients.projection * scale) @ scaled - root @ found.beta) / np.sqrt(energy)
+    objective = cp.sum_squares(residual) + _TIKHONOV / energy * cp.sum_squares(scaled - typical / scale)
     _solve(cp.Problem(cp.Minimize(objective), _inside(model, cp.multiply(scale, scaled), 0.0)))
     return np.asarray(scale * scaled.value)
 
 
 def most_feasible(model: Model, coefficients: BaseCoefficients, beta: Array) -> Array:
-    """(P,) of all parameters with these coefficients (r,) those that are least outside the cone: inside if any are.
+    """(P,) of all parameters with these coefficients (r,) the ones with the largest margin in the cone, up to 0.
 
     Raises:
-        SolverError: Clarabel has not solved it.
+        SolverError: Clarabel failed.
     """
-    scale, usual = _usual(model)
+    scale, typical = _typical(model)
     scaled, slack = cp.Variable(model.cone.size), cp.Variable()
     size = np.maximum(np.abs(coefficients.projection * scale).max(axis=1), np.finfo(float).tiny)
     same = (coefficients.projection * scale / size[:, None]) @ scaled == beta / size
-    near = 1e-9 * cp.sum_squares(scaled - usual / scale)
+    near = 1e-9 * cp.sum_squares(scaled - typical / scale)
     inside = _inside(model, cp.multiply(scale, scaled), slack)
     _solve(cp.Problem(cp.Maximize(slack - near), [same, slack <= 0.0, *inside]))
     return np.asarray(scale * scaled.value)
 
 
-def _usual(model: Model) -> tuple[Array, Array]:
-    """(P,) sizes of the parameters, and (P,) the usual link in every body."""
-    scale, usual = np.ones(model.cone.size), np.zeros(model.cone.size)
+def _typical(model: Model) -> tuple[Array, Array]:
+    """(P,) scales of the parameters, and (P,) parameters of a typical link in every body."""
+    scale, typical = np.ones(model.cone.size), np.zeros(model.cone.size)
     for body in model.cone.bodies:
-        scale[body], usual[body] = LinkPrior().sd, LinkPrior().centre
-    return scale, usual
+        scale[body], typical[body] = LinkPrior().sd, LinkPrior().centre
+    return scale, typical
 
 
 def _inside(model: Model, theta: cp.Expression, slack: cp.Expression | float) -> list[cp.Constraint]:
-    """Every pseudo-inertia's eigenvalues, and friction and rotor inertia, are at least the slack."""
+    """Eigenvalues of all pseudo-inertias, friction and rotor inertia are at least the slack."""
     cone = model.cone
     bodies = [sum(theta[int(i)] * PSEUDO_INERTIA_BASIS[k] for k, i in enumerate(body)) for body in cone.bodies]
     positive = [theta[cone.nonnegative] >= slack] if len(cone.nonnegative) else []
@@ -257,24 +257,24 @@ def _inside(model: Model, theta: cp.Expression, slack: cp.Expression | float) ->
 
 
 def _solve(problem: cp.Problem) -> None:
-    with quiet(UserWarning):  # cvxpy's word for an inaccurate solution, which is good to five digits
+    with quiet(UserWarning):  # of an inaccurate solution, which has five digits
         problem.solve(solver=cp.CLARABEL)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
         raise SolverError("the nearest feasible parameters through cvxpy", problem.status)
 
 
 def feasibility(answer: Answer) -> tuple[float, int]:
-    """Smallest eigenvalue of the pseudo-inertias (mixed units), and how many of friction and rotor are negative.
+    """Smallest eigenvalue of the pseudo-inertias (mixed units), and number of negative friction and rotor parameters.
 
-    Of coefficients those that any parameters with these coefficients reach, at most zero: a negative value says that no
-    robot has them.
+    For a method with coefficients only: the best values of any parameters with these coefficients, at most zero. A
+    negative value means that no robot has these coefficients.
     """
     model, theta = answer.model, answer.theta
     if theta is None:
         theta = most_feasible(model, answer.coefficients, answer.beta)
     least = float(model.cone.smallest_eigenvalues(theta).min())
-    return least, int(np.sum(theta[model.cone.nonnegative] < -_NOTHING))
+    return least, int(np.sum(theta[model.cone.nonnegative] < -_ROUNDED))
 
 
-_NOTHING = 1e-6
-"""N m, N m s, kg m^2: what a solver leaves."""
+_ROUNDED = 1e-6
+"""N m, N m s, kg m^2: accuracy of the solver."""

@@ -1,7 +1,7 @@
-"""Other packages on a log with signs, by their own interfaces: figaroh and mujoco.sysid (extra `bench`).
+"""Other packages for a log with signs, by their own interfaces: figaroh and mujoco.sysid (extra `bench`).
 
-Both get the robot as a file that bayesid writes, with the usual link in every body, and the same filtered motion,
-efforts and rows as everyone. What they say of links and joints is put back into bayesid's parameters.
+Both get the robot as a file written by bayesid, with a typical link in every body, and the same filtered motion,
+efforts and rows as all methods. Their parameters are converted to bayesid's.
 """
 
 from __future__ import annotations
@@ -32,32 +32,32 @@ from bayesid.robot.inertia import change_of_frame
 from bayesid.studies.benchmarks.peer_methods import Answer, Method, Recording, timed
 
 _TO_OURS = np.array([4, 5, 7, 6, 8, 9, 1, 2, 3, 0])
-"""Places of Jxx, Jxy, Jxz, Jyy, Jyz, Jzz, mcx, mcy, mcz, m in Pinocchio's ten: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
+"""Indices of Jxx, Jxy, Jxz, Jyy, Jyz, Jzz, mcx, mcy, mcz, m in Pinocchio's m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
 _INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _JOINT = {"fv": "Fv", "fs": "Fc", "Ia": "Ia", "off": "offset"}
-"""figaroh's names of what a joint adds, to ours."""
+"""figaroh's names of joint parameters to ours."""
 _BY_SYSID = 200
-"""Instants that mujoco.sysid fits at most, evenly spread: each of its steps takes a pass a parameter."""
+"""Largest number of time steps that mujoco.sysid fits, evenly spread: a step takes one pass per parameter."""
 _OF_SYSID = ("mujoco", "absl", "colorama", "imageio", "jinja2", "plotly", "tabulate", "yaml")
-"""Of mujoco[sysid]."""
+"""Modules of mujoco[sysid]."""
 _STEPS = 25
 """Of its optimiser."""
 _WIDE = np.array([0.01, 100.0])
-"""Bounds of a mass and of a body's stretch, times the usual link's."""
+"""Bounds of a mass and of a body's stretch, relative to the typical link's."""
 _FAR = 1.0
 """Bound of a centre of mass, m, and of a shear."""
 _OF_JOINT = (0.1, 3.0)
-"""Where friction and armature start, and their bound, relative to what would alone explain the joint's effort."""
+"""Start and bound of friction and armature, relative to the value that alone explains the joint's effort."""
 
 
 def installed(package: str) -> str:
-    """Version of a package; empty if it, or what mujoco.sysid is an empty module without, is not installed."""
+    """Version of a package; empty if it, or a requirement of mujoco.sysid, is not installed."""
     needed = _OF_SYSID if package == "mujoco.sysid" else (package,)
     return version(package.partition(".")[0]) if all(map(find_spec, needed)) else ""
 
 
-def _usual(model: Model) -> Array:
-    """(P,) the usual link in every body, and nothing else."""
+def _typical_links(model: Model) -> Array:
+    """(P,) parameters of a typical link in every body; others are zero."""
     theta = np.zeros(model.cone.size)
     for body in model.cone.bodies:
         theta[body] = LinkPrior().centre
@@ -65,7 +65,7 @@ def _usual(model: Model) -> Array:
 
 
 def _answer(model: Model, coefficients: BaseCoefficients, theta: Array) -> Answer:
-    """Of full parameters (P,), without intervals."""
+    """The result of parameters (P,), without intervals."""
     beta = coefficients.project(theta)
     none = np.full((2, len(beta)), np.nan)
     return Answer(model, coefficients, beta, none, lambda motion: model.columns(motion) @ theta, theta, 0.0)
@@ -73,7 +73,7 @@ def _answer(model: Model, coefficients: BaseCoefficients, theta: Array) -> Answe
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """What packages print, log and warn of is not the benchmark's."""
+    """Suppresses output, logs and warnings of the packages."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
@@ -108,14 +108,14 @@ tasks:
 def _figaroh(recording: Recording, place: Path) -> Any:
     """A solved `BaseIdentification`: its regressor, weighted least squares and physical fit, on our rows.
 
-    A subclass for every robot is how figaroh is used. This one turns the rows to coupled motors, as figaroh's own
-    example for the TX40 does, and makes rows that are not used zero: its weights need as many of every joint.
+    figaroh is used by a subclass for every robot. This one converts rows to coupled motors, as figaroh's example for
+    the TX40 does, and sets unused rows to zero: its weights need equal numbers of rows of all joints.
     """
     base = import_module("figaroh.identification").BaseIdentification
     model, motion, used = recording.model, recording.motion, recording.used
     arm, width = model.robot, len(str(model.robot.n_joints))
     names = [f"joint{j:0{width}d}" for j in range(1, arm.n_joints + 1)]
-    (place / "arm.urdf").write_text(urdf(model, _usual(model)), encoding="utf-8")
+    (place / "arm.urdf").write_text(urdf(model, _typical_links(model)), encoding="utf-8")
     rate, cutoff = recording.signals.rate, recording.signals.cutoff
     (place / "arm.yaml").write_text(_CONFIG.format(joints=", ".join(names), rate=rate, cutoff=cutoff), encoding="utf-8")
     robot = import_module("figaroh.tools.robot").create_robot(str(place / "arm.urdf"), str(place))
@@ -126,23 +126,23 @@ def _figaroh(recording: Recording, place: Path) -> Any:
         dynamic_regressor: Any
 
         def load_trajectory_data(self, data_source: str | None = None) -> dict[str, Array]:
-            """The filtered motion; of the efforts, unfiltered."""
+            """The filtered motion and unfiltered efforts."""
             kinematics = {"positions": motion.q, "velocities": motion.dq, "accelerations": motion.ddq}
             return {"timestamps": motion.t, **kinematics, "torques": recording.signals.raw_effort * used}
 
         def process_kinematics_data(self, filter_config: object = None) -> None:
-            """It is filtered already."""
+            """Does nothing: the motion is filtered."""
             self.processed_data = dict(self.raw_data)
 
         def calculate_full_regressor(self) -> None:
-            """Rows of motors, where these are coupled."""
+            """Rows of motors, which may be coupled."""
             super().calculate_full_regressor()
             full = np.array(self.dynamic_regressor).reshape(n, size, -1)
             full[:, :, : 10 * n] = np.einsum("ji,jsp->isp", np.linalg.inv(arm.coupling), full[:, :, : 10 * n])
-            turned = arm.actuators(motion)
+            motors = arm.actuators(motion)
             for j in range(n):
-                speed, faster = turned.dq[:, j], turned.ddq[:, j]
-                full[j][:, 10 * n + j :: n] = np.stack([speed, np.sign(speed), faster, np.ones(size)], axis=1)
+                dq, ddq = motors.dq[:, j], motors.ddq[:, j]
+                full[j][:, 10 * n + j :: n] = np.stack([dq, np.sign(dq), ddq, np.ones(size)], axis=1)
             self.dynamic_regressor = (full * used.T[:, :, None]).reshape(n * size, -1)
 
     identification = Identification(robot, str(place / "arm.yaml"))
@@ -153,7 +153,7 @@ def _figaroh(recording: Recording, place: Path) -> Any:
 
 
 def _of_figaroh(recording: Recording, identification: Any, values: Array) -> Answer:
-    """From its standard parameters."""
+    """The result of its standard parameters."""
     model = recording.model
     named = dict(zip(identification.standard_parameter, values, strict=True))
     theta = np.zeros(model.cone.size)
@@ -169,7 +169,7 @@ def _of_figaroh(recording: Recording, identification: Any, values: Array) -> Ans
 
 @timed
 def figaroh_feasible(recording: Recording) -> Answer:
-    """Its `physical_fit`: weights of its weighted least squares, feasible links, no other constraint."""
+    """Its `physical_fit`: weighted least squares with feasible links, without other constraints."""
     with _quiet(), tempfile.TemporaryDirectory() as place:
         identification = _figaroh(recording, Path(place))
         selected = identification.selected
@@ -180,7 +180,7 @@ def figaroh_feasible(recording: Recording) -> Answer:
 
 @timed
 def figaroh_weighted(recording: Recording) -> Answer:
-    """Its base parameters by weighted least squares: those of the columns that it keeps, the others zero."""
+    """Its base parameters by weighted least squares; parameters of eliminated columns are zero."""
     with _quiet(), tempfile.TemporaryDirectory() as place:
         identification = _figaroh(recording, Path(place))
     size = len(identification.standard_parameter)
@@ -197,8 +197,8 @@ def figaroh_weighted(recording: Recording) -> Answer:
 def mujoco_sysid(recording: Recording) -> Answer:
     """Its optimiser over links (log-Cholesky), damping, dry friction, armature and offsets, on inverse dynamics.
 
-    Its own residual rolls the motion out from controls. Of a log of efforts alone that diverges within a second, for
-    the controller is not known; so MuJoCo's inverse dynamics take the place of the rollout.
+    Its own residual simulates the motion from controls, which diverges within a second without the controller. MuJoCo's
+    inverse dynamics replace this simulation.
     """
     with _quiet():
         sysid, mujoco = import_module("mujoco.sysid"), import_module("mujoco")
@@ -208,17 +208,17 @@ def mujoco_sysid(recording: Recording) -> Answer:
 
 
 class _Sysid:
-    """What `mujoco.sysid.optimize` asks for.
+    """Parameters and residuals for `mujoco.sysid.optimize`.
 
     Args:
         sysid: the package.
         mujoco: the package.
-        recording: what is fitted.
+        recording: to be fitted.
     """
 
     def __init__(self, sysid: Any, mujoco: Any, recording: Recording) -> None:
         self._sysid, self._mujoco, self._model = sysid, mujoco, recording.model
-        self._text = mjcf(self._model, _usual(self._model))
+        self._text = mjcf(self._model, _typical_links(self._model))
         motion, used = recording.motion, recording.used
         rows = np.unique(np.linspace(0, len(motion) - 1, _BY_SYSID).astype(int))
         self._motion, self._used, self._effort = motion[rows], used[rows], recording.signals.raw_effort[rows]
@@ -227,17 +227,17 @@ class _Sysid:
         self._on_joint = np.count_nonzero(self._model.robot.coupling, axis=1) == 1
 
     def _spec(self) -> Any:
-        """The robot with the usual links; a flat body that rounding makes impossible may be mended."""
+        """The robot with typical links; MuJoCo may correct a flat body that is infeasible by rounding."""
         spec = self._mujoco.MjSpec.from_string(self._text)
         spec.compiler.balanceinertia = True
         return spec
 
     def parameters(self) -> Any:
-        """Links as bodies, and what a motor adds; sizes of the latter by its effort."""
+        """Links, and joint parameters scaled by the joint's effort."""
         sysid, spec = self._sysid, self._spec()
         compiled, parameters = spec.compile(), sysid.ParameterDict()
         bounds = {"mass_bound_mult": _WIDE, "stretch_bound_mult": _WIDE}
-        away, turned, most_offset = np.array([-_FAR, _FAR]), self._model.robot.actuators(self._motion), _OF_JOINT[1]
+        far, motors, most_offset = np.array([-_FAR, _FAR]), self._model.robot.actuators(self._motion), _OF_JOINT[1]
         for name in self._names:
             parameters.add(
                 sysid.body_inertia_param(
@@ -245,8 +245,8 @@ class _Sysid:
                     compiled,
                     f"link{name}",
                     sysid.InertiaType.Pseudo,
-                    ipos_bound_off=away,
-                    shear_bound_off=away,
+                    ipos_bound_off=far,
+                    shear_bound_off=far,
                     modifier=_body_modifier(sysid, f"link{name}"),
                     **bounds,
                 )
@@ -254,9 +254,9 @@ class _Sysid:
         for j, name in enumerate(self._names):
             size = float(self._sigma[j])
             for key, unit in {
-                "damping": turned.dq,
-                "frictionloss": np.ones_like(turned.q),
-                "armature": turned.ddq,
+                "damping": motors.dq,
+                "frictionloss": np.ones_like(motors.q),
+                "armature": motors.ddq,
             }.items():
                 start, most = np.array(_OF_JOINT) * size / float(np.sqrt(np.mean(unit[:, j] ** 2)))
                 parameters.add(sysid.Parameter(f"{key}{name}", start, 0.0, most, modifier=self._modifier(j, key)))
@@ -264,7 +264,7 @@ class _Sysid:
         return parameters
 
     def _modifier(self, j: int, key: str) -> Any:
-        """What writes a number into the motor's joint, or its tendon where it moves several."""
+        """Function that sets a number of the motor's joint, or of its tendon if it moves several joints."""
         name, on_joint = self._names[j], bool(self._on_joint[j])
 
         def modify(spec: Any, parameter: Any) -> None:
@@ -278,7 +278,7 @@ class _Sysid:
         return modify
 
     def residual(self, x: Array, parameters: Any) -> tuple[list[Array], list[Array], list[Array]]:
-        """Of one or, in columns, several vectors of parameters: relative to each joint's RMS effort."""
+        """Residuals relative to each joint's RMS effort, of one vector of parameters or of several in columns."""
         columns = []
         for vector in np.atleast_2d(x.T):
             parameters.update_from_vector(vector)
@@ -301,7 +301,7 @@ class _Sysid:
         return torque @ np.linalg.inv(self._model.robot.coupling) + offset
 
     def theta(self, parameters: Any) -> Array:
-        """(P,) in our order."""
+        """(P,) parameters in our order."""
         model = self._model
         compiled = self._sysid.apply_param_modifiers(parameters, self._spec())
         places = {parameter.name: k for k, parameter in enumerate(model.parameters)}
@@ -316,9 +316,9 @@ class _Sysid:
 
 
 def _body_modifier(sysid: Any, name: str) -> Any:
-    """Its own modifier leaves no orientation of the inertia, which MuJoCo 4.0 refuses: full inertias need none."""
+    """Modifier of sysid with an identity orientation of the inertia, which MuJoCo 4.0 requires."""
 
-    def modify(spec: Any, parameter: Any) -> None:  # a function, which deepcopy leaves as it is
+    def modify(spec: Any, parameter: Any) -> None:  # a function, since deepcopy does not copy functions
         sysid.apply_body_inertia(spec, name, parameter)
         spec.body(name).iquat[:] = (1.0, 0.0, 0.0, 0.0)
 

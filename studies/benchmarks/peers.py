@@ -1,4 +1,4 @@
-"""bayesid beside what others do with a log: torque error on another log, feasible links, honest intervals, seconds.
+"""Comparison of bayesid with other methods: torque error on another log, feasibility, coverage, seconds.
 
     python -m bayesid.studies.benchmarks.peers [--parts real,simulated,unsigned] [--data DIR] [--logs ur10e,..]
                                                [--short]
@@ -10,14 +10,14 @@ Parts:
 
 Methods with signs:
     ordinary, weighted   least squares of the base coefficients (IDIM-OLS and -WLS, Gautier 1997)
-    weighted + SDP       the feasible robot nearest to the latter, in its own metric
-    figaroh, mujoco.sysid  by their own interfaces, where they are installed (extra `bench`)
+    weighted + SDP       the feasible robot nearest to the latter, in its metric
+    figaroh, mujoco.sysid  by their own interfaces, if installed (extra `bench`)
     bayesid, off and auto  `identify` on the signed log with `complete="off"` and by default
 
-Everyone has the same filtered motion, unfiltered efforts, rows (in motion, without both ends) and standard terms;
-errors are those on the lightly filtered efforts of the other log's rows, which no method has seen. "x" is the geometric
-mean over joints, relative to bayesid by default: above 1 bayesid is better. What is feasible stands at `feasibility`.
-Prints tables of Markdown: docs/peers.md is made of them.
+All methods get the same filtered motion, unfiltered efforts, rows (in motion, without both ends) and standard terms.
+Errors are those of predicted efforts, compared with the lightly filtered efforts of another log. "x" is the geometric
+mean over joints, relative to bayesid by default: above 1 bayesid is better. `feasibility` defines feasible robots.
+Prints tables of Markdown for docs/peers.md.
 """
 
 from __future__ import annotations
@@ -70,15 +70,15 @@ PAIRS: tuple[tuple[str, str], ...] = (
         for halves in permutations((f"{log}:1", f"{log}:2"), 2)
     ),
 )
-"""Logs to identify from and to predict; behind a colon which half."""
+"""Identified and predicted logs; :1 and :2 are halves."""
 OURS, OFF = "bayesid", "bayesid, complete off"
 CLASSES = (
-    Simulated("peers", "nothing hidden", "random"),
+    Simulated("peers", "right model", "random"),
     Simulated("peers", "Stribeck friction", "random", ("stribeck_friction",)),
     Simulated("peers", "load-dependent friction", "random", ("load_dependent_friction",)),
-    Simulated("peers", "table off by 1 mm, 0.1 degrees", "random", length=1e-3, angle=float(np.radians(0.1))),
+    Simulated("peers", "table wrong by 1 mm, 0.1 degrees", "random", length=1e-3, angle=float(np.radians(0.1))),
 )
-"""Of simulated logs: the standard terms are true, or lack something; and the table is, or is not."""
+"""Of simulated logs: right model, one missing effect, wrong table."""
 _SEEDS = 4
 """Robots of each class."""
 
@@ -111,7 +111,7 @@ def _as_answer(result: Identification) -> Answer:
 
 
 def methods(short: bool) -> dict[str, Method]:
-    """All with signs, bayesid's last."""
+    """All methods for logs with signs, bayesid's last."""
     plain: dict[str, Method] = {
         "ordinary least squares": ordinary,
         "weighted least squares": weighted,
@@ -130,16 +130,16 @@ class Scored:
 
     Attributes:
         method: its name.
-        log: from which it was identified.
-        error: (n,) RMS torque error on the other log, N m; NaN from a method that gave no answer.
-        seconds: that it took.
-        eigenvalue: smallest of the pseudo-inertias.
-        negative: how many of friction and rotor inertia.
-        inside: how many coefficients lie in their interval, of
-        counted: so many; zero without truth or intervals.
-        coefficient_error: RMS over the coefficients, as shares of what would alone make the log's efforts; NaN without
-            truth.
-        why: a method gave no answer.
+        log: identified log.
+        error: (n,) RMS torque error on the other log, N m; NaN if the method failed.
+        seconds: of computing time.
+        eigenvalue: smallest eigenvalue of the pseudo-inertias.
+        negative: number of negative friction and rotor parameters.
+        inside: number of coefficients inside their interval.
+        counted: number of coefficients with truth and interval.
+        coefficient_error: RMS over the coefficients, relative to the value that alone gives the log's efforts; NaN
+            without truth.
+        why: reason of a failure.
     """
 
     method: str
@@ -166,7 +166,7 @@ def score(name: str, method: Method, fitted: Recording, other: Recording, log: s
 
 
 def _with_truth(scored: Scored, answer: Answer, fitted: Recording, case: Case) -> Scored:
-    """Coefficients of the standard terms, and their intervals, beside the truth."""
+    """Adds the scores of coefficients and intervals against the truth."""
     _, standard = case.standard(fitted.motion)
     rms = np.sqrt(np.mean(case.log.effort**2, axis=0))
     columns = fitted.model.columns(fitted.motion)[:, :, standard.selected] / rms[:, None]
@@ -192,7 +192,7 @@ def real(data: Path, pairs: Iterable[tuple[str, str]], used: Mapping[str, Method
 
 
 def simulated(classes: Sequence[Simulated], seeds: int, used: Mapping[str, Method]) -> Iterator[Scored]:
-    """Every method on the first half of simulated logs; the second one is predicted."""
+    """Every method on the first half of simulated logs; the second half is predicted."""
     for scenario in classes:
         for seed in range(seeds):
             case = make_case(scenario, seed)
@@ -205,7 +205,7 @@ def simulated(classes: Sequence[Simulated], seeds: int, used: Mapping[str, Metho
 # Without signs
 # ---------------------------------------------------------------------------------------------------------------
 SignMethod = Callable[[Recording], tuple[Array, Mask, Answer]]
-"""Signs (N, n) of a log's samples, where (N, n) they were found, and what was identified with them."""
+"""Signs (N, n) of a log's samples, where (N, n) they are known, and the result."""
 
 
 def by_velocity(recording: Recording) -> tuple[Array, Mask, Answer]:
@@ -232,7 +232,7 @@ def by_search(terms: Sequence[str], complete: Completeness, search: Search, post
 
 
 def sign_methods() -> dict[str, SignMethod]:
-    """What finds signs: T-PBPR as in the paper, that with our terms, and bayesid."""
+    """Methods that find signs: sign(velocity), T-PBPR as in the paper and with our terms, bayesid."""
     tree = Beam(width=5, initial_segments=5)
     return {
         "sign(velocity), weighted": by_velocity,
@@ -243,7 +243,7 @@ def sign_methods() -> dict[str, SignMethod]:
 
 
 def unsigned(data: Path, pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[Scored, float]]:
-    """Torque errors on another log, with its signs, and the share of the samples with the right sign."""
+    """Torque errors on another signed log, and shares of right signs."""
     for name, target in pairs:
         robot, log = read(data, name)
         fitted, other = Recording.of(robot, log), Recording.of(robot, read(data, target)[1])
@@ -264,7 +264,7 @@ def right_share(recording: Recording, signs: Array) -> float:
 # Tables
 # ---------------------------------------------------------------------------------------------------------------
 def times_ours(rows: Sequence[Scored], method: str) -> float:
-    """Geometric mean over logs and joints of a method's torque error over bayesid's; NaN where it gave no answer."""
+    """Geometric mean over logs and joints of a method's torque error over bayesid's; NaN if it always failed."""
     ours = {row.log: row.error for row in rows if row.method == OURS}
     ratios = [row.error / ours[row.log] for row in rows if row.method == method and not row.why]
     return geometric_mean(np.concatenate(ratios)) if ratios else float("nan")
@@ -279,7 +279,7 @@ def _names(rows: Sequence[Scored]) -> list[str]:
 
 
 def by_robot(rows: Sequence[Scored]) -> str:
-    """Every method's torque error over bayesid's, robot by robot; what is the best of the others."""
+    """Every method's torque error over bayesid's, by robot, and the ratio to the best other method."""
     robots = list(dict.fromkeys(row.log.partition("/")[0] for row in rows))
     chosen = {robot: [row for row in rows if row.log.startswith(f"{robot}/")] for robot in robots}
     lines: list[list[object]] = []
@@ -295,13 +295,13 @@ def by_robot(rows: Sequence[Scored]) -> str:
 
 
 def by_log(rows: Sequence[Scored]) -> str:
-    """Every method on every log: joints, feasibility, seconds."""
+    """Every method on every log: error by joint, feasibility, seconds."""
     lines: list[list[object]] = []
     for row in rows:
         pair = [other for other in rows if other.log == row.log]
         joints = " ".join(f"{value:.3g}" for value in row.error)
         if row.why:
-            lines.append([row.log, row.method, "-", f"no answer: {row.why}", "-", "-", "-"])
+            lines.append([row.log, row.method, "-", f"failed: {row.why}", "-", "-", "-"])
             continue
         links = f"{row.eigenvalue:.1e}"
         ratio = f"{times_ours(pair, row.method):.2f}"
@@ -343,7 +343,7 @@ def by_sign(rows: Sequence[tuple[Scored, float]]) -> str:
 
 
 def versions() -> str:
-    """What was compared."""
+    """Versions of the packages."""
     names = ("figaroh", "mujoco.sysid", "numpy", "scipy", "cvxpy", "clarabel")
     others = ", ".join(f"{name} {installed(name) or 'not installed'}" for name in names)
     return f"bayesid {bayesid.__version__}, {others}, Python {platform.python_version()}"
@@ -351,15 +351,15 @@ def versions() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the tables."""
-    parser = argparse.ArgumentParser(description="bayesid beside its peers.")
+    parser = argparse.ArgumentParser(description="Comparison of bayesid with other methods.")
     parser.add_argument("--parts", default="real,simulated,unsigned")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the real logs")
     parser.add_argument("--logs", default="", help="robots of the real logs, all by default")
     parser.add_argument("--short", action="store_true", help="one simulated log, without other packages")
     options = parser.parse_args(arguments)
     robots = options.logs.split(",") if options.logs else [pair[0].partition("/")[0] for pair in PAIRS]
-    there = options.data.is_dir() and not options.short
-    pairs = [pair for pair in PAIRS if there and pair[0].partition("/")[0] in robots]
+    with_real = options.data.is_dir() and not options.short
+    pairs = [pair for pair in PAIRS if with_real and pair[0].partition("/")[0] in robots]
     parts = options.parts.split(",")
     print(versions(), flush=True)
     with threadpool_limits(1):
@@ -371,8 +371,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(by_class(list(simulated(classes, seeds, methods(options.short)))), flush=True)
         if pairs and "unsigned" in parts:
             print(by_sign(list(unsigned(options.data, pairs))), flush=True)
-    if not there and not options.short:
-        print(f"no real logs: {options.data} is not there; set BAYESID_DATA")
+    if not with_real and not options.short:
+        print(f"no real logs in {options.data}; set BAYESID_DATA")
 
 
 if __name__ == "__main__":

@@ -1,19 +1,19 @@
-"""How long a user waits: whole commands from the shell, their stages, growth with the length of a log, many logs.
+"""Time and memory of whole commands, of their stages, by length of a log, and of many logs.
 
     python -m bayesid.studies.benchmarks.pipeline [--parts identify,discrepancy,growth,memory,many] [--short]
         [--data DIR]
 
 Parts:
-    identify     UR10e, 50 s and 20 s, signs hidden: with posterior and report, without both, and `report` by itself;
-                 what stages took, by the result's own account
-    discrepancy  logs of 2400 samples at most, with `--holdout`: a payload, nothing, a spring
+    identify     UR10e, 50 s and 20 s, signs hidden: with posterior and report, without both, and `report` alone; times
+                 of stages, from the result
+    discrepancy  logs of at most 2400 samples, with `--holdout`: a payload, no effect, a spring
     growth       simulated logs of 10 s to an hour at 100 Hz, without posterior and report: seconds and memory
     memory       a simulated hour at 1 kHz, without posterior and report
     many         `--each` over simulated logs, by one worker and by two
 
-Every command is a process of its own, started as a user starts it; seconds are wall time, memory is the peak of the
-process with the copies of it that share its work. They depend on the machine and its load. Without the real logs
-($BAYESID_DATA) simulated ones take their place. Ends with all targets, met or missed.
+Every command is a new process. Seconds are wall time; memory is the peak of the process and its workers. Both depend on
+the machine and its load. Without the real logs ($BAYESID_DATA) simulated ones are used. The last lines list all
+targets, met or missed.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ from bayesid.studies.benchmarks.problems import Check
 from bayesid.studies.real import DATA
 
 _LENGTHS = (10.0, 100.0, 1000.0, 3600.0)
-"""s, of the logs by which growth is seen."""
+"""s, of the logs of the part `growth`."""
 _NOISY = ("--rate", "100", "--noise", "0.03")
-"""Of simulated logs."""
+"""Options of simulated logs."""
 _DISTINCT = 10
-"""Of many logs: a trajectory takes longer to be found than to be identified from. A round number."""
+"""Different logs among many: simulating one takes longer than identifying it. Chosen; not measured."""
 _PLAIN = ("--no-posterior", "--no-report")
-_LOOK = 0.25
-"""s between two looks at how much memory a command and its copies have. A round number."""
+_INTERVAL = 0.25
+"""s between measurements of memory: short peaks may be missed. Chosen; not measured."""
 
 
 @dataclass(frozen=True)
 class Ran:
-    """A command that has ended.
+    """A finished command.
 
     Attributes:
         seconds: of wall time.
-        memory: GB, the highest memory of its process and the copies that this made of itself, pages that they share
-            counted once; looked at four times a second, and of the process alone at its peak.
+        memory: GB, highest memory of the process and its workers, shared pages counted once, measured every
+            `_INTERVAL`; at least the peak of the process alone.
     """
 
     seconds: float
@@ -64,12 +64,12 @@ class Ran:
 
 @dataclass(frozen=True)
 class Place:
-    """Where commands run.
+    """Folders of the commands.
 
     Attributes:
-        folder: an empty one.
+        folder: working folder, empty.
         data: folder of the real logs.
-        short: shorter and fewer logs, for a continuous integration.
+        short: whether to use shorter and fewer logs, for continuous integration.
     """
 
     folder: Path
@@ -80,14 +80,14 @@ class Place:
         """Runs a command of bayesid in the folder.
 
         Raises:
-            RuntimeError: it has failed.
+            RuntimeError: it failed.
         """
         began, memory = time.perf_counter(), 0.0
         command = [sys.executable, "-m", "bayesid.cli", *map(str, words), "--quiet"]
         process = os.spawnve(os.P_NOWAIT, sys.executable, command, {**os.environ, "PWD": str(self.folder)})
         with ThreadPoolExecutor(1) as waiting:
             ended = waiting.submit(os.wait4, process, 0)
-            while not wait([ended], _LOOK).done:
+            while not wait([ended], _INTERVAL).done:
                 memory = max(memory, _memory_of_all(process))
         _, status, usage = ended.result()
         seconds = time.perf_counter() - began
@@ -96,7 +96,7 @@ class Place:
         return Ran(seconds, max(memory, usage.ru_maxrss / 1e6))
 
     def log(self, name: str, seconds: float) -> Path:
-        """A log of the UR10e: the real one of this name, if it is here, or a simulated one."""
+        """A log of the UR10e: the real one of this name, if available, or a simulated one."""
         real = self.data / f"ur10e/{name}.csv"
         return real if real.is_file() else self.simulated(name, seconds)
 
@@ -107,7 +107,7 @@ class Place:
         return made
 
     def parts(self, log: Path) -> list[Path]:
-        """A log in parts as long as those that the workflow is timed on."""
+        """A log in parts of `samples` rows."""
         header, *rows = log.read_text(encoding="utf-8").splitlines(keepends=True)
         parts: list[Path] = []
         for first in range(0, len(rows), self.samples):
@@ -117,18 +117,18 @@ class Place:
 
     @property
     def samples(self) -> int:
-        """Of the logs that the workflow is timed on."""
+        """Number of rows of the logs of the part `discrepancy`."""
         return 600 if self.short else 2400
 
     def identify(self, log: Path, *options: str) -> tuple[Ran, dict[str, Any], Path]:
-        """An identification without signs: what it took, its summary, its folder."""
+        """An identification without signs: its time and memory, its summary, its folder."""
         out = self.folder / f"{log.stem}-result"
         ran = self.run("identify", log, "--robot", "ur10e", "--unsigned", "all", *options, "--out", out)
         return ran, json.loads((out / "summary.json").read_text(encoding="utf-8")), out
 
 
 def identify(place: Place) -> list[Check]:
-    """Whole identifications, and what their stages take."""
+    """Whole identifications, and times of their stages."""
     long, short = place.log("a_50s", 10.0 if place.short else 50.0), place.log("b_20s", 5.0 if place.short else 20.0)
     whole, summary, out = place.identify(long)
     report = place.run("report", out)
@@ -150,7 +150,7 @@ def identify(place: Place) -> list[Check]:
 
 
 def discrepancy(place: Place) -> list[Check]:
-    """The workflow on three pairs of logs, each scored on a third one: the next part of the second, or another."""
+    """Discrepancies of three pairs of logs, each with a holdout log."""
     seconds = 2.0 * place.samples / 100.0
     real, loaded = (place.parts(place.log(name, seconds)) for name in ("c_unloaded", "c_loaded"))
     sprung = place.parts(place.simulated("sprung", seconds, "--effect", "joint_spring:2:0.3"))
@@ -165,14 +165,14 @@ def discrepancy(place: Place) -> list[Check]:
         words = ("discrepancy", healthy, log, "--unsigned", "all", "--holdout", holdout)
         out = place.folder / f"{name}-gap"
         took.append(place.run(*words, "--out", out).seconds)
-        said = json.loads((out / "discrepancy.json").read_text(encoding="utf-8"))
-        found = [" ".join([effect["effect"], *map(str, effect["joints"])]) for effect in said["found"]]
-        print(f"{name}: {took[-1]:.1f} s, {said['status']}: {', '.join(found) or 'nothing'}")
+        result = json.loads((out / "discrepancy.json").read_text(encoding="utf-8"))
+        found = [" ".join([effect["effect"], *map(str, effect["joints"])]) for effect in result["found"]]
+        print(f"{name}: {took[-1]:.1f} s, {result['status']}: {', '.join(found) or 'no effect'}")
     return [_seconds("discrepancy, median", median(took), 4.0), _seconds("discrepancy, longest", max(took), 12.0)]
 
 
 def growth(place: Place) -> list[Check]:
-    """Seconds a second of log, and memory."""
+    """Seconds per second of log, and memory."""
     lengths = _LENGTHS[:2] if place.short else _LENGTHS
     took = {}
     for length in lengths:
@@ -180,19 +180,19 @@ def growth(place: Place) -> list[Check]:
         took[length], summary, _ = place.identify(log, *_PLAIN)
         search = summary["search"]
         gap = 1.0 - search["lower_bound"] / search["cost"]
-        said = "certified" if search["certified"] else f"not certified, the bound {gap:.3%} below the cost"
-        print(f"{length:.0f} s: {took[length].seconds:.1f} s, {took[length].memory:.2f} GB, {said}")
+        proof = "certified" if search["certified"] else f"not certified, the bound {100 * gap:.3f} % below the cost"
+        print(f"{length:.0f} s: {took[length].seconds:.1f} s, {took[length].memory:.2f} GB, {proof}")
     rates = [ran.seconds / length for length, ran in took.items()]
     falls = all(late <= early for early, late in pairwise(rates))
     peak = max(ran.memory for ran in took.values())
     return [
-        Check("time a second of log", " ".join(f"{rate:.3f}" for rate in rates), "falls or stays", falls),
+        Check("seconds per second of log", " ".join(f"{rate:.3f}" for rate in rates), "does not rise", falls),
         Check("memory of the longest", f"{peak:.2f} GB", "<= 1.5 GB", peak <= 1.5),
     ]
 
 
 def memory(place: Place) -> list[Check]:
-    """What a long log needs at its peak."""
+    """Peak memory of a long log."""
     log = place.simulated("fast", 60.0 if place.short else 3600.0, "--rate", "1000")
     ran, _, _ = place.identify(log, *_PLAIN)
     print(f"{'a minute' if place.short else 'an hour'} at 1 kHz: {ran.seconds:.1f} s, {ran.memory:.2f} GB")
@@ -200,7 +200,7 @@ def memory(place: Place) -> list[Check]:
 
 
 def many(place: Place) -> list[Check]:
-    """One identification a log, in one process and in two; of a few logs most of the time is that of beginning."""
+    """One identification per log, in one process and in two; with few logs the start dominates."""
     count = 4 if place.short else 100
     logs = [place.folder / f"many{k}.csv" for k in range(count)]
     for k, log in enumerate(logs):
@@ -218,11 +218,11 @@ def many(place: Place) -> list[Check]:
 
 
 def _memory_of_all(process: int) -> float:
-    """GB of a process and its children now, by Linux's /proc; 0 where there is none."""
+    """GB of a process and its children, from /proc of Linux; 0 elsewhere."""
     try:
         children = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="utf-8").split()
-        maps = [Path(f"/proc/{one}/smaps_rollup").read_text(encoding="utf-8") for one in (process, *children)]
-    except OSError:  # one has just ended
+        maps = [Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="utf-8") for pid in (process, *children)]
+    except OSError:  # a process has just ended
         return 0.0
     return sum(int(kilobytes) for text in maps for kilobytes in re.findall(r"^Pss: +(\d+) kB", text, re.M)) / 1e6
 
@@ -242,15 +242,15 @@ PARTS: dict[str, Callable[[Place], list[Check]]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints every part, then all targets."""
-    parser = argparse.ArgumentParser(description="How long a user waits.")
+    parser = argparse.ArgumentParser(description="Time and memory of whole commands.")
     parser.add_argument("--parts", default=",".join(PARTS), help=f"of {', '.join(PARTS)}")
-    parser.add_argument("--short", action="store_true", help="shorter logs, for a continuous integration")
+    parser.add_argument("--short", action="store_true", help="shorter logs, for continuous integration")
     parser.add_argument("--data", type=Path, default=DATA)
     options = parser.parse_args(arguments)
     chosen = options.parts.split(",")
     unknown = [part for part in chosen if part not in PARTS]
     if unknown:
-        parser.error(f"no part {', '.join(unknown)}; choose from {', '.join(PARTS)}")
+        parser.error(f"unknown part {', '.join(unknown)}; choose from {', '.join(PARTS)}")
     checks = []
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder), options.data, options.short)

@@ -1,33 +1,32 @@
-"""The posterior's sampler against its rivals: effective samples a second, on one and the same density.
+"""The posterior's sampler, compared with others: effective samples per second of the same density.
 
     python -m bayesid.studies.benchmarks.posterior [--data DIR] [--seconds 60] [--short]
 
 The density is the posterior of ur10e/a_50s, its signs hidden (--short, or without the real logs: of a simulated KR5).
-Its samplers:
+Samplers:
 
     bayesid       `bayesid.posterior.sampler.sample`, until it has converged: the median of several seeds, run in turn
-                  with the rivals, for the machine's load drifts
-    stretch       emcee's stretch move: four ensembles of at least twice as many walkers as there are dimensions, the
-                  first half left out
+                  with the others, since the machine's load may change
+    stretch       emcee's stretch move: four ensembles, each of at least twice as many walkers as dimensions, without
+                  the first half of the steps
     NUTS          NumPyro's, dense mass matrix, four chains (needs the extra `bench`), in two kinds of coordinates, each
-                  of which maps all of R^d smoothly onto the region; log |Jacobian| is added to the density. Only the
-                  window on the total mass, far away, is left as a wall.
-      log-Cholesky  of each pseudo-inertia: Rucker and Wensing (2022); nonnegative parameters by their logarithm
-      straight      first moments are coordinates themselves; masses, pivots and nonnegative parameters by a softplus,
-                    which is their own value but near zero; the windows on the radii undone link by link. So what the
-                    data know, nearly linear in the parameters, stays nearly linear. It is what makes NUTS a rival. A
-                    chain that sticks in a tail for a while spoils its smallest ESS: runs differ severalfold.
+                  a smooth map of R^d onto the region, with log |Jacobian| added to the density. Only the bounds of the
+                  total mass, far away, remain as hard constraints.
+      log-Cholesky  of each pseudo-inertia: Rucker and Wensing (2022); logarithms of nonnegative parameters
+      linear        first moments are coordinates; masses, pivots and nonnegative parameters by a softplus, which is the
+                    identity except near zero; bounds of the radii are removed link by link. The efforts, linear in the
+                    parameters, stay nearly linear in the coordinates, so NUTS is much faster than with log-Cholesky. A
+                    chain in a tail lowers the smallest ESS: runs differ severalfold.
 
-Each starts from the same points: `bayesid.posterior.moves.spread_walkers`; their covariance is the first mass matrix
-of NUTS. NUTS samples for `--seconds` after its warm-up, the stretch move for `--seconds` in all; looks at their
-diagnostics cost them nothing, bayesid's count. So does everyone's warm-up; the figures without it stand beside. The
-compilation by jax is not counted. Everything runs on one thread; where other processes share the machine, seconds of
-the processor are the fairer ones.
+All start from the same points (`bayesid.posterior.moves.spread_walkers`); their covariance is the initial mass matrix
+of NUTS. NUTS samples for `--seconds` after its warm-up, the stretch move for `--seconds` in all. Times include warm-up
+(figures without it are printed too) and bayesid's diagnostics, but not the others' diagnostics or jax's compilation.
+Everything runs on one thread; on a busy machine compare processor seconds.
 
 ESS is the smallest of bulk and tail over all base coefficients and noise scales, by the same functions for all; a chain
-of NUTS counts as an ensemble of one walker. Converged: R-hat between ensembles <= 1.01, ESS >= 400 and >= 4 for each
-walker (walkers that never move are as many independent draws). Without that, ESS a second is an upper bound: "<=".
-`off` is the largest difference of a mean from bayesid's, in standard errors: of so many quantities, 3 is usual.
+of NUTS counts as an ensemble of one walker. Converged: R-hat between ensembles <= 1.01, ESS >= 400 and >= 4 per walker
+(walkers that never move look like independent draws). Otherwise ESS per second is an upper bound: "<=". `off` is the
+largest difference of a mean from bayesid's, in standard errors; with so many quantities 3 is common.
 """
 
 from __future__ import annotations
@@ -64,17 +63,17 @@ from bayesid.studies.real import DATA
 
 LOG = "ur10e/a_50s"
 DEMAND = Sampling()
-"""Convergence, as `bayesid.posterior` demands it by default, of everyone."""
+"""Default criteria of convergence of `bayesid.posterior`, for all samplers."""
 CHAINS = 4
 """Of NUTS, and ensembles of the stretch move."""
 _WALKERS = 768
-"""Starting points; the stretch move takes more where dimensions ask for it."""
+"""Starting points; the stretch move uses more in high dimensions."""
 _STRETCH_BLOCK, _STRETCH_THIN = 500, 25
-"""Steps between looks at the clock, and from one that is kept to the next."""
+"""Steps between readings of the clock, and between kept steps."""
 _STRETCH_KEPT = 800
-"""Steps of each walker, at most, from which diagnostics are computed."""
+"""Largest number of steps per walker for the diagnostics."""
 _NUTS_BLOCK = 25
-"""Draws between looks at the clock."""
+"""Draws between readings of the clock."""
 _LOG_2 = float(np.log(2.0))
 
 
@@ -83,13 +82,13 @@ _LOG_2 = float(np.log(2.0))
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Problem:
-    """What is sampled.
+    """A density to be sampled.
 
     Attributes:
         name: of the log.
         target: the density.
         cone: of its parameters.
-        theta: (P,) the optimum, which decides where samplers start.
+        theta: (P,) the optimum, from which starting points are drawn.
     """
 
     name: str
@@ -98,7 +97,7 @@ class Problem:
     theta: Array
 
     def starts(self, walkers: int) -> Array:
-        """(W, P + n) where bayesid's walkers start as well."""
+        """(W, P + n) the starting points of bayesid's walkers."""
         centre = self.target.centre(self.theta, np.zeros(self.target.likelihood.n_joints))
         lines = Conditional.of(self.target.prior.region, centre.covariance)
         return spread_walkers(self.target, centre, lines, walkers, np.random.RandomState(0))
@@ -112,23 +111,23 @@ def real_problem(path: Path) -> Problem:
 
 
 def simulated_problem(terms: Sequence[str] = ("rigid_body",)) -> Problem:
-    """The posterior of a simulated log of the KR5, which has rigid bodies only."""
+    """The posterior of a simulated log of the KR5 with rigid bodies only."""
     robot = load_robot("kr5")
     log, _ = simulate_log(robot, duration=8.0, rate=50.0, noise=0.1, effects=[], seed=3)
     return _problem("simulated kr5", identify(robot, log, terms=terms, complete="off"))
 
 
 def _problem(name: str, result: Identification) -> Problem:
-    """The very target that `identify` samples, and where it starts."""
+    """The target of `identify`, and its starting point."""
     assert result.posterior is not None
     return Problem(name, result.posterior.target, result.model.cone, result.posterior.modes[0].mode.theta)
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What every sampler reports
+# Results of a sampler
 # ---------------------------------------------------------------------------------------------------------------
 class Clock:
-    """Seconds since it was made, of the wall clock and of the processor, and those of the warm-up."""
+    """Wall and processor seconds since its creation, and seconds of the warm-up."""
 
     def __init__(self) -> None:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
@@ -145,7 +144,7 @@ class Clock:
         return time.process_time() - self._cpu
 
     def warmed_up(self) -> None:
-        """The warm-up ends now."""
+        """Marks the end of the warm-up."""
         self.warm = self.wall
 
 
@@ -159,7 +158,7 @@ class Outcome:
         warm_up: seconds of it.
         seconds: in all.
         cpu: seconds of the processor in all.
-        note: lengths and acceptance, for the reader.
+        note: lengths and acceptance, to be printed.
     """
 
     name: str
@@ -171,33 +170,33 @@ class Outcome:
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
-        """Between ensembles."""
+        """Diagnostics between ensembles."""
         return diagnose(self.draws)
 
     @cached_property
     def between_walkers(self) -> float:
-        """The worst R-hat, every walker an ensemble by itself."""
+        """The worst R-hat between walkers."""
         return diagnose(self.draws.reshape(len(self.draws), -1, 1, self.draws.shape[-1])).max_rhat
 
     @property
     def converged(self) -> bool:
-        """R-hat and ESS are as demanded of everyone."""
+        """Whether R-hat and ESS satisfy `DEMAND`."""
         walkers = self.draws.shape[1] * self.draws.shape[2]
         return self.diagnostics.passes(DEMAND.max_rhat, max(DEMAND.min_ess, DEMAND.per_walker * walkers))
 
     @property
     def per_second(self) -> float:
-        """ESS a second, warm-up included."""
+        """ESS per second, including warm-up."""
         return self.diagnostics.min_ess / self.seconds
 
     @property
     def per_cpu_second(self) -> float:
-        """The same for seconds of the processor."""
+        """ESS per processor second."""
         return self.diagnostics.min_ess / self.cpu
 
     @property
     def per_second_after_warm_up(self) -> float:
-        """ESS a second without the warm-up."""
+        """ESS per second without the warm-up."""
         return self.diagnostics.min_ess / (self.seconds - self.warm_up)
 
     def off(self, other: Outcome) -> float:
@@ -208,7 +207,7 @@ class Outcome:
 
 
 def _outcome(name: str, target: Target, coordinates: Array, clock: tuple[float, float, float], note: str) -> Outcome:
-    """Of draws (D, E, W, P + n); clock: seconds of warm-up, in all, and of the processor."""
+    """The outcome of draws (D, E, W, P + n); clock: seconds of warm-up, in all, and of the processor."""
     theta, log_scale = target.split(coordinates)
     return Outcome(name, np.concatenate([theta @ target.likelihood.projection.T, log_scale], axis=-1), *clock, note)
 
@@ -218,11 +217,11 @@ def _outcome(name: str, target: Target, coordinates: Array, clock: tuple[float, 
 # ---------------------------------------------------------------------------------------------------------------
 def bayesid_sampler(problem: Problem, seconds: float, seed: int) -> Outcome:
     """The sampler of `bayesid.posterior`, until it has converged."""
-    told: list[tuple[int, float]] = []
+    times: list[tuple[int, float]] = []
     clock, sampling = Clock(), Sampling(budget=seconds, rng=seed)
-    draws = sample(problem.target, problem.theta, sampling, lambda done, _: told.append((done, clock.wall)))
-    spent, before, (done, wall) = (clock.wall, clock.cpu), TUNING.hot_sweeps + sampling.warm_up, told[0]
-    warm = wall * before / (before + done)  # sweeps of the warm-up take as long as those that count
+    draws = sample(problem.target, problem.theta, sampling, lambda done, _: times.append((done, clock.wall)))
+    spent, before, (done, wall) = (clock.wall, clock.cpu), TUNING.hot_sweeps + sampling.warm_up, times[0]
+    warm = wall * before / (before + done)  # sweeps of the warm-up take as long as later ones
     coordinates = np.concatenate([draws.theta, draws.log_scale], axis=-1)
     return _outcome("bayesid", problem.target, coordinates, (warm, *spent), f"{draws.sweeps} sweeps")
 
@@ -265,7 +264,7 @@ def numpyro_installed() -> bool:
 
 @cache
 def _jax() -> Any:
-    """jax, in double precision and on one thread; imported here, for it is not always installed."""
+    """The optional package jax, in double precision and on one thread."""
     flags = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flags}"
     import jax
@@ -275,13 +274,13 @@ def _jax() -> Any:
 
 
 class Coordinates(ABC):
-    """A smooth map of all of R^d onto the region without the window on the total mass.
+    """A smooth map of R^d onto the region without the bounds of the total mass.
 
-    Coordinates z: ten of each body, one of each nonnegative parameter, all other parameters, the noise scales u.
+    Coordinates z: ten per body, one per nonnegative parameter, all other parameters, the noise scales u.
 
     Args:
-        problem: whose region it is.
-        starts: (W, P + n) points inside; some maps take their scales from there.
+        problem: with the region.
+        starts: (W, P + n) points inside, from which some maps take their scales.
     """
 
     name: str
@@ -296,11 +295,11 @@ class Coordinates(ABC):
 
     @abstractmethod
     def matrices(self, z: Any) -> tuple[Any, Any]:
-        """(b, 4, 4) pseudo-inertias from coordinates (b, 10), and log |d triangle / d z| of all together."""
+        """(b, 4, 4) pseudo-inertias from coordinates (b, 10), and the sum of log |d triangle / d z|."""
 
     @abstractmethod
     def positive(self, z: Any) -> tuple[Any, Any]:
-        """(k,) nonnegative parameters, and the log of the map's derivative, summed up."""
+        """(k,) nonnegative parameters, and the sum of the logs of the map's derivatives."""
 
     @abstractmethod
     def matrices_back(self, matrices: Array) -> Array:
@@ -319,7 +318,7 @@ class Coordinates(ABC):
         theta = jnp.zeros(self.n_parameters)
         theta = theta.at[self.bodies].set(matrices.reshape(-1, 16) @ self.of_matrix.T)
         theta = theta.at[self.nonnegative].set(positive).at[self.free].set(of_free)
-        # tr(J) / 2 E - J, the only part of a pseudo-inertia that is not a parameter itself, has the determinant 1 / 2
+        # the map from J to tr(J) / 2 E - J, the part of a pseudo-inertia that is not a parameter, has determinant 1 / 2
         return jnp.concatenate([theta, log_scale]), volume + stretched + len(self.bodies) * _LOG_2
 
     def back(self, coordinates: Array) -> Array:
@@ -327,8 +326,8 @@ class Coordinates(ABC):
         theta = coordinates[:, : self.n_parameters]
         of_bodies = self.matrices_back(pseudo_inertia(theta[:, self.bodies])).reshape(len(theta), -1)
         of_positive = self.positive_back(theta[:, self.nonnegative])
-        rest = theta[:, self.free], coordinates[:, self.n_parameters :]
-        return np.concatenate([of_bodies, of_positive, *rest], axis=1)
+        unchanged = theta[:, self.free], coordinates[:, self.n_parameters :]
+        return np.concatenate([of_bodies, of_positive, *unchanged], axis=1)
 
 
 def _windows(problem: Problem) -> tuple[Array, Array]:
@@ -339,10 +338,10 @@ def _windows(problem: Problem) -> tuple[Array, Array]:
 
 
 def _square_radii(problem: Problem) -> Array:
-    """(b,) R^2 of each body's window tr(Sigma) <= R^2 m.
+    """(b,) R^2 of each body's bound tr(Sigma) <= R^2 m.
 
     Raises:
-        ValueError: the first windows are of another form.
+        ValueError: the first half spaces are of another form.
     """
     bodies = problem.cone.bodies
     rows, offset = _windows(problem)
@@ -351,7 +350,7 @@ def _square_radii(problem: Problem) -> Array:
     for k, body in enumerate(bodies):
         expected[k, body[[0, 3, 5]]], expected[k, body[9]] = -0.5, square[k]
     if not np.array_equal(rows[: len(bodies)], expected) or np.any(offset[: len(bodies)] != 0.0):
-        raise ValueError("the prior's windows on the radii are not what these coordinates undo")
+        raise ValueError("the prior's bounds of the radii differ from those that these coordinates remove")
     return square
 
 
@@ -363,10 +362,10 @@ def _joined(second: Any, first: Any, mass: Any) -> Any:
 
 
 class LogCholesky(Coordinates):
-    """P = U U' with U upper triangular, its diagonal by logarithms.
+    """P = U U' with U upper triangular, logarithms of its diagonal as coordinates.
 
-    The window on the radius: with r = tr(Sigma) / (R^2 m) of such a P, lengths shrink by sqrt(f), f = 1 / (1 + r), so
-    that f r < 1. The determinant of this is f^8.5.
+    Bound of the radius: with r = tr(Sigma) / (R^2 m) of such a P, lengths are multiplied by sqrt(f), f = 1 / (1 + r),
+    so that f r < 1. The determinant of this map is f^8.5.
     """
 
     name = "log-Cholesky"
@@ -403,16 +402,16 @@ class LogCholesky(Coordinates):
         return np.log(values)
 
 
-class Straight(Coordinates):
+class Linear(Coordinates):
     """Coordinates in which parameters are as linear as the region allows.
 
     A body is h, its first moments; mu > 0 with mass m, R^2 m - |h|^2 / m = R^2 mu; and C = Sigma - h h' / m, positive
-    definite with tr(C) < R^2 mu. With some positive definite W and t = tr(W) / (R^2 mu) it is C = W (1 - exp(-t)) / t,
-    and W is its pivots and, as they are, the columns of its Schur complements. mu, pivots and nonnegative parameters
-    are s softplus(z / s) of coordinates z, s a tenth of the size at the starting points.
+    definite with tr(C) < R^2 mu. With some positive definite W and t = tr(W) / (R^2 mu) it is C = W (1 - exp(-t)) / t;
+    W is given by its pivots and the columns of its Schur complements. mu, pivots and nonnegative parameters are
+    s softplus(z / s) of coordinates z, with s a tenth of the size at the starting points.
     """
 
-    name = "straight"
+    name = "linear"
     _softness = 0.1
 
     def __init__(self, problem: Problem, starts: Array) -> None:
@@ -470,7 +469,7 @@ class Straight(Coordinates):
 
 
 def _softplus(z: Any, scale: Array) -> tuple[Any, Any]:
-    """Values s log(1 + exp(z / s)), and the log of the derivative, summed up."""
+    """Values s log(1 + exp(z / s)), and the sum of the logs of the derivatives."""
     jax = _jax()
     return scale * jax.nn.softplus(z / scale), jax.numpy.sum(jax.nn.log_sigmoid(z / scale))
 
@@ -508,13 +507,13 @@ def make_log_density(problem: Problem, coordinates: Coordinates) -> Callable[[An
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Setting:
-    """How NUTS is run.
+    """Settings of NUTS.
 
     Attributes:
-        coordinates: in which.
-        accept: the acceptance at which the step size is aimed.
-        warm_up: draws of it, of each chain.
-        depth: of the deepest tree.
+        coordinates: their class.
+        accept: target acceptance for the step size.
+        warm_up: draws per chain.
+        depth: largest depth of a tree.
     """
 
     coordinates: type[Coordinates]
@@ -524,7 +523,7 @@ class Setting:
 
 
 def nuts(problem: Problem, setting: Setting, seconds: float) -> Outcome:
-    """NumPyro's NUTS, one chain after the other: they do not wait for the longest tree of all."""
+    """NumPyro's NUTS, one chain after the other, so that no chain waits for the trees of others."""
     jax = _jax()
     from numpyro.infer import NUTS
 
@@ -565,8 +564,9 @@ def nuts(problem: Problem, setting: Setting, seconds: float) -> Outcome:
     spent = clock.wall, clock.cpu
     chains, steps, diverging = (np.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True))
     note = (
-        f"{setting.warm_up} + {chains.shape[1]} draws of {CHAINS} chains, {steps.mean():.0f} steps a draw"
-        f" ({np.mean(steps >= 2**setting.depth - 1):.0%} of the trees full), {diverging.mean():.1%} diverge;"
+        f"{setting.warm_up} + {chains.shape[1]} draws of {CHAINS} chains, {steps.mean():.0f} steps per draw"
+        f" ({100 * np.mean(steps >= 2**setting.depth - 1):.0f} % of the trees at the largest depth),"
+        f" {100 * diverging.mean():.1f} % diverge;"
         f" step sizes {np.round(np.asarray(states.adapt_state.step_size), 3).tolist()}; compiled in {compiled:.0f} s"
     )
     name = f"NUTS {coordinates.name} {setting.accept:g}"
@@ -577,28 +577,28 @@ def nuts(problem: Problem, setting: Setting, seconds: float) -> Outcome:
 # Table
 # ---------------------------------------------------------------------------------------------------------------
 def compare(problem: Problem, settings: list[Setting], seconds: float, again: bool = True) -> list[Check]:
-    """Runs everything, prints the table; bayesid's sampler again after each rival, or once."""
+    """Runs all samplers and prints the table; bayesid's sampler runs again after each other one, or once."""
     target = problem.target
     count = np.round(target.likelihood.count).astype(int).tolist()
     print(
         f"{problem.name}: {target.dimension} dimensions, {len(target.likelihood.unknown)} of"
         f" {len(target.likelihood.fixed)} signs summed out, effective samples {count}"
     )
-    bayesid_sampler(problem, 0.0, 0)  # what is imported and cached at first use is not anyone's price
+    bayesid_sampler(problem, 0.0, 0)  # imports and fills caches
     runs = [partial(stretch, problem, seconds), *(partial(nuts, problem, setting, seconds) for setting in settings)]
-    repeats, competing = [bayesid_sampler(problem, seconds, 0)], []
+    repeats, others = [bayesid_sampler(problem, seconds, 0)], []
     for seed, run in enumerate(runs, start=1):
-        competing.append(run())
-        print(f"{competing[-1].name}: {competing[-1].note}", flush=True)
+        others.append(run())
+        print(f"{others[-1].name}: {others[-1].note}", flush=True)
         if again:
             repeats.append(bayesid_sampler(problem, seconds, seed))
     rates = [repeat.per_second for repeat in repeats]
     ours = repeats[int(np.argsort(rates)[len(rates) // 2])]
     print(f"bayesid: {ours.note}; ESS/s of {len(rates)} seeds: {', '.join(f'{rate:.0f}' for rate in rates)}\n")
     table = Table(*_HEADER)
-    for outcome in (ours, *competing):
+    for outcome in (ours, *others):
         _row(table, ours, outcome)
-    return [*_ratio(ours, competing[:1], 10.0), *_ratio(ours, competing[1:], 3.0)]
+    return [*_ratio(ours, others[:1], 10.0), *_ratio(ours, others[1:], 3.0)]
 
 
 _HEADER = (
@@ -625,11 +625,11 @@ def _row(table: Table, ours: Outcome, outcome: Outcome) -> None:
     )
 
 
-def _ratio(ours: Outcome, competing: list[Outcome], least: float) -> list[Check]:
-    """The target beside the ratio to the best of the rivals: of those that have converged, if any has."""
-    if not competing:
+def _ratio(ours: Outcome, others: list[Outcome], least: float) -> list[Check]:
+    """The ratio to the best other sampler, converged ones first, beside its target."""
+    if not others:
         return []
-    best = max(competing, key=lambda rival: (rival.converged, rival.per_second))
+    best = max(others, key=lambda other: (other.converged, other.per_second))
     ratio = ours.per_second / best.per_second
     text = f"{'' if best.converged else 'at least '}{ratio:.1f} x"
     return [Check(f"ESS/s over {best.name}'s", text, f">= {least:g} x", ours.converged and ratio >= least)]
@@ -638,19 +638,19 @@ def _ratio(ours: Outcome, competing: list[Outcome], least: float) -> list[Check]
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the table and the targets."""
-    parser = argparse.ArgumentParser(description="The posterior's sampler against its rivals.")
+    parser = argparse.ArgumentParser(description="The posterior's sampler, compared with others.")
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each rival, after its warm-up")
-    parser.add_argument("--short", action="store_true", help="a simulated log, two seconds for each sampler")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each other sampler, after its warm-up")
+    parser.add_argument("--short", action="store_true", help="a simulated log, two seconds per sampler")
     options = parser.parse_args(arguments)
     path = options.data / f"{LOG}.csv"
     real = path.is_file() and not options.short
     if not real and not options.short:
-        print(f"{path} is not here (set BAYESID_DATA): a simulated log instead")
+        print(f"no file {path} (set BAYESID_DATA): a simulated log instead")
     problem = real_problem(path) if real else simulated_problem()
-    settings = [Setting(Straight, 0.9, 50, depth=6)]
+    settings = [Setting(Linear, 0.9, 50, depth=6)]
     if not options.short:
-        settings = [Setting(LogCholesky, 0.9, 500), Setting(Straight, 0.9, 1000), Setting(Straight, 0.95, 1000)]
+        settings = [Setting(LogCholesky, 0.9, 500), Setting(Linear, 0.9, 1000), Setting(Linear, 0.95, 1000)]
     if not numpyro_installed():
         print("NUTS is not run: numpyro is missing; pip install 'bayesid[bench]'")
         settings = []

@@ -1,4 +1,4 @@
-"""What the parts of the search's benchmark share: sign problems to search, the clock, and targets."""
+"""Shared by the benchmarks of the search: sign problems, clock, and targets."""
 
 from __future__ import annotations
 
@@ -35,21 +35,20 @@ from bayesid.simulation.trajectories import FourierTrajectory, random_trajectory
 NOISE = 0.05
 """Relative to each joint's RMS effort, as in the paper's experiment."""
 BUDGET = 60.0
-"""Seconds that a certificate may take here; more than by default, so that the time of a late one is seen."""
+"""Seconds allowed for a certificate; more than by default, to measure the time of late ones."""
 SAME = 1e-6
 """Share of the energy below which costs of different solvers count as equal."""
 _QUICK = 2.0
-"""Seconds; what takes fewer is timed more than once."""
+"""Seconds; shorter work is timed `_REPEATS` times."""
 _REPEATS = 3
-"""How often it is."""
 _LOWEST, _HIGHEST = 0.1, 0.5
-"""Hz; the band of a simulated motion, that of a robot's usual exciting trajectories."""
+"""Hz; the band of a simulated motion, as of usual exciting trajectories."""
 _SPEED = 3.0
-"""rad/s; largest speed of a simulated motion: about what the UR10e's joints can do."""
+"""rad/s; largest speed of a simulated motion, about that of the UR10e's joints."""
 _RANGE = 2.0
 """rad; largest angle of a simulated motion."""
 _GRID = 0.02
-"""s; grid on which these are looked for: a hundredth of the shortest period."""
+"""s; grid for finding largest speed and angle: a hundredth of the shortest period."""
 
 Value = TypeVar("Value")
 
@@ -62,10 +61,10 @@ class Check:
     """A figure beside its target.
 
     Attributes:
-        what: the figure's name.
+        what: name of the figure.
         value: the figure as printed.
-        target: what it should be.
-        met: whether it is.
+        target: its required value.
+        met: whether the target is met.
     """
 
     what: str
@@ -78,11 +77,11 @@ class Check:
 
 
 class Table:
-    """Prints its header at once, then each row as it comes.
+    """Prints its header, then each row immediately.
 
     Args:
-        first: header of the first column, which is wide.
-        others: headers of the others; the columns are as wide as these.
+        first: header of the first, wide column.
+        others: headers of the others, which determine their widths.
     """
 
     def __init__(self, first: str, *others: str) -> None:
@@ -97,7 +96,7 @@ class Table:
 
 
 def timed(work: Callable[[], Value]) -> tuple[Value, float]:
-    """What the work returns, and its seconds: the median of three where they are few."""
+    """The result of the work, and its seconds: the median of three for short work."""
     spent: list[float] = []
     while len(spent) < _REPEATS:
         began = time.perf_counter()
@@ -129,7 +128,7 @@ class LogProblem:
 
     @property
     def normal_equations(self) -> NormalEquations:
-        """Scaled moments of the S segments."""
+        """Scaled normal equations of the S segments."""
         return self.signs.normal_equations
 
     @property
@@ -144,11 +143,11 @@ class LogProblem:
 
     @cached_property
     def unknown(self) -> int:
-        """Segments whose sign is searched."""
+        """Number of segments with unknown sign."""
         return int(np.sum(self.normal_equations.known == 0))
 
     def solver(self) -> ConeLeastSquares:
-        """A new solver, as the pipeline makes one for every search."""
+        """A new solver, as in the pipeline's searches."""
         return self.signs.solver()
 
     def best(self) -> SearchResult:
@@ -160,7 +159,7 @@ class LogProblem:
         return certified(self.normal_equations, self.solver(), budget=BUDGET)
 
     def first(self, count: int) -> LogProblem:
-        """The problem of the segments that begin first."""
+        """The problem of the first segments."""
         chosen = np.sort(np.argsort(self.begins, kind="stable")[:count])
         signs = SignProblem(self.normal_equations.chosen(chosen), self.signs.cone, self.coefficients)
         return LogProblem(f"{self.name}, first {count}", self.model, signs, self.begins[chosen])
@@ -168,10 +167,10 @@ class LogProblem:
 
 @dataclass(frozen=True)
 class Searched:
-    """An identification and the sign problem that its last certified search has solved.
+    """An identification, and the sign problem of its last certified search.
 
     Attributes:
-        problem: that problem.
+        problem: the sign problem.
         result: the identification.
     """
 
@@ -179,7 +178,7 @@ class Searched:
     result: Identification
 
     def repeated(self) -> SearchResult:
-        """The pipeline's own search once more."""
+        """The pipeline's search, repeated."""
         earlier = self.problem.signs.earlier
         start = None if earlier is None else earlier.theta
         return certified(self.problem.normal_equations, self.problem.solver(), start=start)
@@ -187,13 +186,13 @@ class Searched:
 
 @dataclass(frozen=True)
 class Recorder(Search):
-    """The certified search, which takes down the problems that the pipeline gives it.
+    """The certified search, which keeps its problems.
 
-    The noise that scales the rows is that of the search before the last, which a result does not hold.
+    Rows are scaled by the noise of an earlier search, which a result does not hold.
 
     Attributes:
-        search: what searches.
-        concluded: the problems that it was to conclude.
+        search: the certified search.
+        concluded: the problems that it certified.
     """
 
     search: Certified = Certified()
@@ -204,7 +203,7 @@ class Recorder(Search):
         return self.search.find(problem, steps)
 
     def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
-        """See there."""
+        """See `bayesid.signs.search.protocol.Search`; keeps the problem."""
         self.concluded.append(problem)
         return self.search.certify(problem, progress)
 
@@ -236,7 +235,7 @@ def simulated_problem(log: Log) -> Searched:
 
 
 def arm_problem() -> LogProblem:
-    """The problem of an arm of two joints, simulated: that of docs/pbpr.md."""
+    """The problem of a simulated arm of two joints, as in docs/pbpr.md."""
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     model, rng = Model(robot, (RigidBody(),)), np.random.default_rng(1)
@@ -250,7 +249,7 @@ def arm_problem() -> LogProblem:
 # Simulated motion
 # ---------------------------------------------------------------------------------------------------------------
 def long_motion(n_joints: int, duration: float, rate: float, seed: int = 0) -> Motion:
-    """A random motion that never repeats itself, as fast all the time as a usual exciting trajectory.
+    """A random motion without repetition, as fast as a usual exciting trajectory.
 
     Each joint's spectrum of speeds is flat between 0.1 and 0.5 Hz.
     """

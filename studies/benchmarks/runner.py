@@ -1,13 +1,13 @@
-"""What the runner costs: speed-up by two workers, overhead a trial, memory of many trials.
+"""Time and memory of the runner of studies: speed-up by two workers, overhead per trial, memory of many trials.
 
     python -m bayesid.studies.benchmarks.runner [--short]
 
-    speed-up  `noise`, 64 trials, by one worker and by two, one after the other; wall time from the call to the last row
-    overhead  trials that sleep for 1 s, two workers: wall time after the first row has begun, over the work, less one
-    memory    10 000 trials that do nothing, on a Dask cluster of two workers and on this machine's: highest resident
-              memory of client and scheduler after a tenth of the trials and after all of them
+    speed-up  `noise`, 64 trials, by one worker and by two: wall time from the call to the last row
+    overhead  trials that sleep for 1 s, two workers: wall time from the begin of the first row, over the work, minus 1
+    memory    10 000 empty trials, on a Dask cluster of two workers and on this machine: highest resident memory of
+              client and scheduler after a tenth of the trials and after all
 
-A cluster is started and stopped for it (extra `distributed`). Linux only: memory is read from /proc.
+A cluster is started and stopped (extra `distributed`). Linux only: memory is read from /proc.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from bayesid.studies.study import Study, in_turn, run_study
 from bayesid.study.runner import run
 
 _WORKERS = 2
-"""As many as the machines of the project's checks have cores."""
+"""The number of cores of the machines of the project's checks."""
 _NAP = 1.0
-"""s, of a trial that does nothing: long beside what the runner takes."""
+"""s, of a sleeping trial: long compared with the runner's overhead."""
 _TICK = 0.5
-"""s between two looks whether a scheduler has written its file, and for it to have written all of it."""
+"""s between checks for a scheduler's file, and from its appearance to reading it."""
 _PATIENCE = 30.0
-"""s for a cluster to start."""
+"""s, limit for the start of a cluster."""
 
 
 @dataclass(frozen=True)
 class Nothing:
-    """A scenario without choices."""
+    """A scenario without fields."""
 
 
 def nothing(_: Nothing, seed: int) -> Row:
@@ -68,7 +68,7 @@ def speed_up(trials: int) -> str:
 
 
 def overhead(count: int, scheduler: str | None) -> str:
-    """Wall time over work of trials of a second."""
+    """Wall time over work, for trials of 1 s."""
     first = last = work = 0.0
     with closing(run(nap, range(count), _WORKERS, scheduler)) as batches:
         for batch in batches:
@@ -82,25 +82,24 @@ def overhead(count: int, scheduler: str | None) -> str:
 
 def memory(count: int, scheduler: Cluster | None) -> str:
     """Highest memory after a tenth and after all of many trivial trials."""
-    seen: list[str] = []
+    peaks: list[str] = []
     marks = {count // 10, count}
 
-    def look(done: int, _total: int, _failed: int) -> None:
+    def measure(done: int, _total: int, _failed: int) -> None:
         if marks and done >= min(marks):
             marks.remove(min(marks))
             client = f"client {_peak('self'):.0f} MB"
-            seen.append(client if scheduler is None else f"{client}, scheduler {_peak(str(scheduler.pid)):.0f} MB")
+            peaks.append(client if scheduler is None else f"{client}, scheduler {_peak(str(scheduler.pid)):.0f} MB")
 
     study = Study("nothing", count, in_turn([Nothing()]), nothing, lambda _: "", lambda _rows, _figure: None)
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as out:
-        finished = run_study(
-            study, workers=_WORKERS, scheduler=None if scheduler is None else scheduler.address, out=out, progress=look
-        )
+        address = None if scheduler is None else scheduler.address
+        finished = run_study(study, workers=_WORKERS, scheduler=address, out=out, progress=measure)
     seconds, good = time.perf_counter() - began, len(finished.good)
     where = "this machine" if scheduler is None else "cluster"
-    peaks = f"{seen[0]} after a tenth, {seen[-1]} after all"
-    return f"memory, {count} trivial trials, {where}: {peaks}; {good} rows, {seconds:.0f} s"
+    text = f"{peaks[0]} after a tenth, {peaks[-1]} after all"
+    return f"memory, {count} empty trials, {where}: {text}; {good} rows, {seconds:.0f} s"
 
 
 def _peak(process: str) -> float:
@@ -120,7 +119,7 @@ class Cluster:
 
 @contextmanager
 def cluster() -> Iterator[Cluster]:
-    """A scheduler with two workers on this machine, each a process of its own."""
+    """A scheduler and two workers on this machine, in separate processes."""
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "scheduler.json"
         dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
@@ -145,8 +144,8 @@ def _started(command: Sequence[str], place: str) -> subprocess.Popen[bytes]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints one line a measurement."""
-    parser = argparse.ArgumentParser(description="What the runner costs.")
+    """Prints one line per measurement."""
+    parser = argparse.ArgumentParser(description="Time and memory of the runner of studies.")
     parser.add_argument("--short", action="store_true", help="an eighth of the trials")
     share = 8 if parser.parse_args(arguments).short else 1
     print(speed_up(64 // share), flush=True)

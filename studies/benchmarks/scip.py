@@ -29,10 +29,10 @@ _GAP = 1e-7
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class NoCone:
-    """Least squares without any cone, in closed form, in the place of `ConeLeastSquares`: theta is beta itself.
+    """Least squares without cone, in closed form, as a replacement of `ConeLeastSquares`; theta is beta.
 
     Attributes:
-        weight: (r, r) Q; the Tikhonov term is beta' Q beta, to zero.
+        weight: (r, r) Q of the Tikhonov term beta' Q beta.
     """
 
     weight: Array
@@ -46,7 +46,7 @@ class NoCone:
         return float(theta @ self.weight @ theta)
 
     def lighter(self, share: float) -> NoCone:
-        """The same: its pull is a part of the problem that both searches solve."""
+        """Itself: the Tikhonov term is part of the problem that both searches solve."""
         return self
 
     def prepared(self, hessian: Array) -> PreparedNoCone:
@@ -54,7 +54,7 @@ class NoCone:
         return PreparedNoCone(hessian + self.weight)
 
     def project(self, theta: Array) -> Array:
-        """(r,) coefficients: the parameters themselves."""
+        """(r,) coefficients, which are the parameters."""
         return theta
 
 
@@ -113,7 +113,7 @@ class FreeProblem:
 
 
 def without_cone(problem: LogProblem) -> FreeProblem:
-    """The problem without its cone; that leaves the symmetry of all signs, which the strongest segment's breaks."""
+    """The problem without its cone; the sign of the strongest segment is fixed, since all signs could be flipped."""
     known = problem.normal_equations.known.copy()
     known[np.argmax(problem.normal_equations.energy)] = 1
     return FreeProblem(replace(problem.normal_equations, known=known), problem.solver().tikhonov()[0])
@@ -129,9 +129,9 @@ class ScipResult:
     Attributes:
         signs: (S,) its best assignment.
         cost: of these signs.
-        lower_bound: that SCIP has proven.
+        lower_bound: proven by SCIP.
         proven: whether it finished.
-        seconds: of its own work, without the time to state the problem.
+        seconds: of the optimisation, without the formulation.
     """
 
     signs: Array
@@ -145,8 +145,8 @@ def convex(scip: Any, model: Any, problem: FreeProblem, signs: list[Any]) -> Any
     """The cost as a convex quadratic function of beta and s, a sum of squares because s_k^2 = 1.
 
     In u = L' beta with LL' = H + Q, and with C the diagonal matrix of the c_k, it is u'u - 2 u'W s + s'C s
-    = |u - W s|^2 + s'(C - W'W)s. SCIP gets a variable for each square and their sum as one constraint. Of the
-    factors that could be chosen, this one is SCIP's fastest; without a factor it does not even finish 20 segments.
+    = |u - W s|^2 + s'(C - W'W)s. SCIP gets a variable for each square and their sum as one constraint. Other
+    factorisations are slower; without one SCIP does not finish 20 segments.
     """
     white, energy = problem.white, problem.normal_equations.energy / problem.energy
     values, vectors = np.linalg.eigh(np.diag(energy) - white.T @ white)
@@ -164,10 +164,10 @@ def convex(scip: Any, model: Any, problem: FreeProblem, signs: list[Any]) -> Any
 
 
 def products(scip: Any, model: Any, problem: FreeProblem, signs: list[Any]) -> Any:
-    """The binary quadratic problem, a variable for each product of two signs (McCormick 1976): all linear.
+    """The binary quadratic problem, linearised by a variable for each product of two signs (McCormick 1976).
 
-    With s = 2x - 1 and w = x_i x_j the product of two signs is 4w - 2x_i - 2x_j + 1. Only those of w's bounds are
-    stated that the objective pushes against.
+    With s = 2x - 1 and w = x_i x_j the product of two signs is 4w - 2x_i - 2x_j + 1. Only bounds of w that can be
+    active at the optimum are stated.
     """
     interference, terms = problem.white.T @ problem.white, [1.0 - float(np.sum(problem.white**2))]
     for i, j in itertools.combinations(range(len(signs)), 2):
@@ -187,10 +187,10 @@ def products(scip: Any, model: Any, problem: FreeProblem, signs: list[Any]) -> A
 
 
 Formulation = Callable[[Any, Any, FreeProblem, list[Any]], Any]
-"""States what is to be minimised, in units of c, from pyscipopt, its model, the problem and the signs."""
+"""States the objective, in units of c, from pyscipopt, its model, the problem and the signs."""
 
 _WHOLE = 100
-"""Segments from which a problem is that of a whole log."""
+"""Segments from which a problem counts as a whole log, not as one shortened for SCIP."""
 FORMULATIONS: dict[str, Formulation] = {"convex": convex, "products": products}
 
 
@@ -248,6 +248,6 @@ def _against_scip(table: Table, problem: LogProblem, limit: float) -> list[Check
     target = "SCIP's optimum" if finished else "<= SCIP's best"
     checks = [Check(f"{where} certified cost", f"{excess:+.1e} of the energy", target, same and ours.certified)]
     if len(free.normal_equations) < _WHOLE:
-        print(f"  cut short to let SCIP finish: SCIP takes {ratio:.1f} x the time of the certified search (no target)")
+        print(f"  shortened so that SCIP finishes: {ratio:.1f} x the time of the certified search (no target)")
         return checks
     return [*checks, Check(f"{where} faster", f"{'' if finished else '>= '}{ratio:.1f} x", ">= 20 x", ratio >= 20.0)]

@@ -1,4 +1,4 @@
-"""The search for signs against its rivals and its targets: seconds, costs, certificates, memory.
+"""The search for signs, compared with other methods and with targets: seconds, costs, certificates, memory.
 
     python -m bayesid.studies.benchmarks.search [--parts best,logs,kr5,scip,pbpr,scaling,memory] [--seeds 50] [--short]
                                        [--data DIR]
@@ -6,17 +6,17 @@
 Parts:
     best     the best assignment against T-PBPR with every node solved through cvxpy
     logs     every log of `studies.real` and one run of the paper's experiment: the best assignment, a beam of width 50,
-             the certificate, and the share of the samples in motion whose signs it settles
+             the certificate, and the share of samples in motion whose signs it determines
     kr5      certificates of the paper's experiment over many seeds
-    scip     the sign problem without the cone against SCIP (needs pyscipopt, in the extra `bench`), which proves its
-             optimum only; the certified search lists everything else that matters, too
+    scip     the sign problem without the cone against SCIP (needs pyscipopt, in the extra `bench`); SCIP proves only
+             the optimum, the certified search also lists all assignments near it
     pbpr     against T-PBPR with PBPR in its nodes, on two joints
     scaling  simulated logs of 40 to 3000 unknown segments
     memory   an hour at 1 kHz that is never stored
 
-A sign problem is the one that the pipeline's last search solved: its segments, its noise. Every search starts from
-scratch, on one thread. Times under two seconds are the median of three. They depend on the machine; ratios are what
-counts. Ends with all targets, met or missed.
+A sign problem is that of the pipeline's last search. Every search starts from scratch, on one thread. Times under two
+seconds are the median of three. Times depend on the machine: compare ratios. The last lines list all targets, met or
+missed.
 """
 
 from __future__ import annotations
@@ -60,23 +60,23 @@ from bayesid.studies.record import Row
 from bayesid.studies.simulated import STRONG
 
 _QUICK = Annealing(runs=4, evaluations=20, growth=1e4)
-"""Enough for two joints (docs/pbpr.md)."""
+"""Sufficient for two joints (docs/pbpr.md)."""
 _SCIP_SECONDS = 60.0
-"""That SCIP may take for each formulation of a problem."""
+"""Time limit of SCIP for each formulation of a problem, s."""
 _SIZES = (40, 100, 300, 1000, 3000)
 """Segments of the simulated logs."""
 _LONGEST = 400.0
-"""s; long enough for the largest of these sizes."""
+"""s, of the simulated log: long enough for the largest of these sizes."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How much is run.
+    """Size of the benchmark.
 
     Attributes:
         data: folder of the real logs.
-        seeds: of the paper's experiment.
-        short: fewer logs and seeds, shorter ones, for a continuous integration.
+        seeds: number of runs of the paper's experiment.
+        short: whether to use fewer and shorter logs, for continuous integration.
     """
 
     data: Path
@@ -85,9 +85,9 @@ class Scale:
 
     @property
     def logs(self) -> tuple[str, ...]:
-        """Real logs that are here."""
-        wanted = ("ur10e/b_20s",) if self.short else LOGS
-        return tuple(name for name in wanted if (self.data / f"{name}.csv").is_file())
+        """Available real logs."""
+        names = ("ur10e/b_20s",) if self.short else LOGS
+        return tuple(name for name in names if (self.data / f"{name}.csv").is_file())
 
     @property
     def wide(self) -> int:
@@ -99,7 +99,7 @@ class Scale:
 # best: against T-PBPR through cvxpy
 # ---------------------------------------------------------------------------------------------------------------
 def best(scale: Scale) -> list[Check]:
-    """The best assignment against the paper's tree, stated plainly."""
+    """The best assignment against a plain implementation of T-PBPR."""
     problem = (real_problem(scale.data, scale.logs[0]) if scale.logs else kr5_problem()[1]).problem
     problem = problem.first(60) if scale.short else problem
     ours, seconds = timed(problem.best)
@@ -114,7 +114,7 @@ def best(scale: Scale) -> list[Check]:
 
 
 def _excess(share: float) -> tuple[str, str, bool]:
-    """Value, target and whether it is met, for a difference of costs as a share of the energy."""
+    """Value, target, and whether it is met, of a difference of costs as a share of the energy."""
     return f"{share:+.1e} of the energy", f"<= {SAME:g}", share <= SAME
 
 
@@ -122,7 +122,7 @@ def _excess(share: float) -> tuple[str, str, bool]:
 # logs
 # ---------------------------------------------------------------------------------------------------------------
 def logs(scale: Scale) -> list[Check]:
-    """Every log: candidates, beam, certificate."""
+    """Every log: best assignment, beam, certificate."""
     table = Table(
         "log",
         "segments",
@@ -135,19 +135,21 @@ def logs(scale: Scale) -> list[Check]:
         "missed",
         "nodes",
         "sdps",
-        "settled %",
+        "determined %",
         "of scored %",
         "pipeline again",
     )
     rows = [_log_row(table, real_problem(scale.data, name), scale.wide) for name in scale.logs]
     rows.append(_log_row(table, kr5_problem()[1], scale.wide))
-    persistent = min(row["scored"] for row in rows)
+    determined = min(row["scored"] for row in rows)
     return [
         _slowest("logs: slowest best assignment", [row["best_seconds"] for row in rows], 1.0),
         Check(f"logs: worst cost minus the beam's at w = {scale.wide}", *_excess(max(row["excess"] for row in rows))),
         _slowest("logs: slowest certified search", [row["proof_seconds"] for row in rows], 5.0),
         _all("logs: certified", [row["certified"] for row in rows]),
-        Check("logs: least share of scored samples settled", f"{persistent:.2%}", ">= 97 %", persistent >= 0.97),
+        Check(
+            "logs: least share of scored samples determined", f"{100 * determined:.2f} %", ">= 97 %", determined >= 0.97
+        ),
         _all("logs: the pipeline's own cost reproduced", [abs(row["again"]) <= 1e-9 for row in rows]),
     ]
 
@@ -157,7 +159,7 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
     best, best_seconds = timed(problem.best)
     wide, wide_seconds = timed(lambda: _beam(problem, width))
     proof, proof_seconds = timed(problem.proof)
-    persistent, scored = _settled(searched.result, proof)
+    determined, scored = _determined(searched.result, proof)
     excess = (best.cost - wide.cost) / problem.energy
     again = (searched.repeated().cost - searched.result.search.cost) / problem.energy
     table.row(
@@ -172,7 +174,7 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
         proof.missed,
         proof.nodes,
         proof.solves,
-        100.0 * persistent,
+        100.0 * determined,
         100.0 * scored,
         again,
     )
@@ -191,8 +193,8 @@ def _beam(problem: LogProblem, width: int) -> SearchResult:
     return flip_joints(problem.normal_equations, solver, beam(problem.normal_equations, solver, width))
 
 
-def _settled(result: Identification, proof: SearchResult) -> tuple[float, float]:
-    """Share of the samples in motion whose sign the proof settles: of all, and of those above 5 % of their joint."""
+def _determined(result: Identification, proof: SearchResult) -> tuple[float, float]:
+    """Shares of samples in motion whose sign the proof determines: of all, and of those above 5 % of their joint."""
     effort, segments = np.abs(result.signals.raw_effort), result.searched
     if proof.persistent is None:
         return 0.0, 0.0
@@ -335,14 +337,16 @@ def _size_row(table: Table, log: Log) -> Row:
 def memory(scale: Scale) -> list[Check]:
     """An hour at 1 kHz."""
     row = hour_in_new_process(60.0 if scale.short else 3600.0)
-    speed, peak = row["instants"] / row["moments_seconds"], row["peak"] / 1e9
-    print(f"{row['instants']} instants, {row['segments']} segments, {row['alone']} with a Hessian of their own;")
+    speed, peak = row["samples"] / row["normal_equations_seconds"], row["peak"] / 1e9
+    print(f"{row['samples']} time steps, {row['segments']} segments, {row['separate']} with a separate Hessian;")
     print(f"best assignment {row['best_seconds']:.2f} s, certified search {row['seconds']:.2f} s,")
-    print(f"certified: {row['certified']}, the bound {row['gap']:.4%} below the cost;")
-    print(f"signs right for {row['right']:.3%} of the samples")
+    print(f"certified: {row['certified']}, the bound {100 * row['gap']:.4f} % below the cost;")
+    print(f"signs right for {100 * row['right']:.3f} % of the samples")
     return [
-        Check("memory: moments", f"{speed:,.0f} instants/s", ">= 50,000 instants/s", speed >= 50_000),
-        Check("memory: the bound below the cost, as a share", f"{row['gap']:.4%}", "<= 0.1 %", row["gap"] <= 1e-3),
+        Check("memory: normal equations", f"{speed:,.0f} steps/s", ">= 50,000 steps/s", speed >= 50_000),
+        Check(
+            "memory: the bound below the cost, as a share", f"{100 * row['gap']:.4f} %", "<= 0.1 %", row["gap"] <= 1e-3
+        ),
         Check("memory: certified search", f"{row['seconds']:.0f} s", "<= 60 s", row["seconds"] <= 60.0),
         Check("memory: peak of the process", f"{peak:.2f} GB", "<= 1.5 GB", peak <= 1.5),
     ]
@@ -362,16 +366,16 @@ PARTS: dict[str, Callable[[Scale], list[Check]]] = {
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def main() -> None:
     """Prints every part, then all targets."""
-    parser = argparse.ArgumentParser(description="The search for signs against its rivals and its targets.")
+    parser = argparse.ArgumentParser(description="The search for signs, compared with other methods and targets.")
     parser.add_argument("--parts", default=",".join(PARTS), help=f"of {', '.join(PARTS)}")
     parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--short", action="store_true", help="a few minutes in all, for a continuous integration")
+    parser.add_argument("--short", action="store_true", help="a few minutes, for continuous integration")
     parser.add_argument("--data", type=Path, default=DATA)
     options = parser.parse_args()
     chosen = options.parts.split(",")
     unknown = [part for part in chosen if part not in PARTS]
     if unknown:
-        parser.error(f"no part {', '.join(unknown)}; choose from {', '.join(PARTS)}")
+        parser.error(f"unknown part {', '.join(unknown)}; choose from {', '.join(PARTS)}")
     scale = Scale(options.data, options.seeds, options.short)
     if not scale.logs:
         print(f"no real logs in {options.data} (set BAYESID_DATA): simulated ones only\n")

@@ -1,9 +1,9 @@
-"""How often does a tracker raise an alarm where nothing happens, and what does an update cost? A simulated hour.
+"""How many false alarms does a tracker raise, and how long does an update take? A simulated hour.
 
 A Panda with the standard friction and white noise of 3 % of each joint's RMS effort is identified from 20 s without
-signs. Thirty other random motions of two minutes each, with a second without samples between them, are then tracked at
-100 Hz from |efforts|. `python -m bayesid.studies.benchmarks.tracker [MINUTES]` prints alarms, times of an update, and
-by how much the memory that Python holds grows over 50,000 updates after the first 5,000.
+signs. Then 30 other random motions of two minutes, with pauses of 1 s between them, are tracked at 100 Hz from
+|effort|. `python -m bayesid.studies.benchmarks.tracker [MINUTES]` prints alarms, times of an update, and the growth of
+Python's memory over 50,000 updates after the first 5,000.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.simulated import make_robot
 
 _RATE, _LEARNED, _PERIOD, _NOISE = 100.0, 20.0, 20.0, 0.03
-"""Hz; s of the log that the robot is identified from; s, of the motions; of the efforts, relative to their RMS."""
+"""Hz; s of the identified log; s of a motion's period; noise relative to each joint's RMS effort."""
 _MOTION, _PAUSE = 120.0, 1.0
-"""s of a motion, and without samples before the next."""
+"""s of a motion, and of the pause before the next."""
 _ANOTHER = 3_000_000
 """Added to a motion's number for its seed."""
 
@@ -44,7 +44,7 @@ def _motion(robot_joints: int, seed: int, seconds: float) -> Motion:
 
 @one_blas_thread
 def track(known: IdentifiedModel, truth: Model, theta: Array, minutes: float) -> None:
-    """Tracks so many minutes and prints what came of it."""
+    """Tracks some minutes, and prints alarms and times."""
     n, rng = truth.robot.n_joints, np.random.default_rng(7)
     tracker, figures = SignTracker(known, _RATE), StreamFigures.of_joints(n)
     motions = max(1, round(60.0 * minutes / _MOTION))
@@ -63,7 +63,7 @@ def track(known: IdentifiedModel, truth: Model, theta: Array, minutes: float) ->
 
 
 def memory(known: IdentifiedModel, warm: int = 5_000, updates: int = 50_000) -> int:
-    """Bytes that Python holds more after so many updates."""
+    """Growth of Python's memory over `updates`, bytes."""
     n = known.model.robot.n_joints
     motion = _motion(n, _ANOTHER, _PERIOD)
     effort = np.abs(known.model.effort(motion, known.theta))
@@ -79,7 +79,7 @@ def memory(known: IdentifiedModel, warm: int = 5_000, updates: int = 50_000) -> 
 
 
 def main(minutes: float = 60.0) -> None:
-    """Identifies, tracks, and looks at memory."""
+    """Identifies, tracks, and measures memory."""
     robot = make_robot("panda")
     learned = _motion(robot.n_joints, 0, _LEARNED)
     truth = Model(robot, make_terms(STANDARD, robot, learned))
@@ -88,7 +88,7 @@ def main(minutes: float = 60.0) -> None:
     search = Certified(budget=3.0)
     known = identify(robot, log, STANDARD, complete="off", search=search, posterior=False).identified
     track(known, truth, theta, minutes)
-    print(f"memory: {memory(known):,} bytes more after 50,000 updates")
+    print(f"memory: growth of {memory(known):,} bytes over 50,000 updates")
 
 
 if __name__ == "__main__":

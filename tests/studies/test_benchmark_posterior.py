@@ -6,8 +6,8 @@ import pytest
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.studies.benchmarks import posterior as benchmark_posterior
 from bayesid.studies.benchmarks.posterior import (
+    Linear,
     LogCholesky,
-    Straight,
     main,
     make_log_density,
     numpyro_installed,
@@ -37,7 +37,7 @@ def points(problem):
     return np.concatenate([problem.starts(16), draws.coordinates[-16:]])
 
 
-@pytest.fixture(scope="module", params=[LogCholesky, Straight])
+@pytest.fixture(scope="module", params=[LogCholesky, Linear])
 def chosen(request, problem, points):
     return request.param(problem, points)
 
@@ -79,6 +79,6 @@ def test_the_study_runs(monkeypatch, capsys, numpyro):
     main(["--short", "--seconds", "0.5"])
     shown = capsys.readouterr().out
     assert "emcee stretch" in shown
-    assert ("NUTS straight" in shown) == numpyro
+    assert ("NUTS linear" in shown) == numpyro
     assert ("pip install 'bayesid[bench]'" in shown) != numpyro
     assert shown.count("target >=") == 1 + numpyro
