@@ -24,6 +24,7 @@ from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import DISTORTIONS, TERMS
 from bayesid.log.formats.labels import WORDS
 from bayesid.log.formats.stated import CONVENTIONS
+from bayesid.number_text import percent
 from bayesid.robot.load import BUILT_IN, built_in_table
 from bayesid.studies.algorithm1 import exact, right
 from bayesid.studies.discrepancy import CLEAR, by_kind, count, decoded, outside_right, share
@@ -64,9 +65,9 @@ def signs(rows: Sequence[Row]) -> str:
     head = ["log", "segments", "all", "in motion", "in motion, smooth truth", "sign(velocity) alone", "certified"]
     lines = []
     for row in _with_friction(rows):
-        shares = [f"{row[key]:.2%}" for key in ("all", "motion", "smooth")]
-        cells = [NAMES[row["log"]], row["segments"], *shares, f"{row['velocity']:.1%}"]
-        lines.append([*cells, "yes" if row["certified"] else "no", f"{row['determined']:.1%}"])
+        shares = [percent(row[key], 2) for key in ("all", "motion", "smooth")]
+        cells = [NAMES[row["log"]], row["segments"], *shares, percent(row["velocity"], 1)]
+        lines.append([*cells, "yes" if row["certified"] else "no", percent(row["determined"], 1)])
     return markdown([*head, "determined"], lines)
 
 
@@ -76,7 +77,7 @@ def signs_in_short(rows: Sequence[Row]) -> str:
     lines, why = [], []
     for row in _with_friction(rows):
         name, proven = NAMES[row["log"]], "yes" if row["certified"] else "no"
-        lines.append([name, f"{row['motion']:.2%}", f"{row['velocity']:.1%}", proven, row["verdict"]])
+        lines.append([name, percent(row["motion"], 2), percent(row["velocity"], 1), proven, row["verdict"]])
         why += ["\n", fill(f"{name}: {row['why']}.", 120), "\n"] if row["why"] else []
     return "".join([markdown(head, lines), *why])
 
@@ -89,8 +90,9 @@ def confidences(rows: Sequence[Row]) -> str:
     lines = []
     for row in _with_friction(rows):
         other = poor.get(row["log"])
-        cells = [NAMES[row["log"]], f"{row['every_sure']:.1%}", f"{row['every_sure_wrong']:.3%}"]
-        last = f"{other['every_sure']:.1%}, {other['every_sure_wrong']:.3%}, {other['auc']:.2f}" if other else ""
+        cells = [NAMES[row["log"]], percent(row["every_sure"], 1), percent(row["every_sure_wrong"], 3)]
+        wrong = f"{percent(other['every_sure'], 1)}, {percent(other['every_sure_wrong'], 3)}" if other else ""
+        last = f"{wrong}, {other['auc']:.2f}" if other else ""
         lines.append([*cells, f"{row['auc']:.2f} / {row['auc_moving']:.2f}", last])
     return markdown(["log", f"confidence {SURE:g} and more", "of these wrong", areas, without], lines)
 
@@ -98,13 +100,13 @@ def confidences(rows: Sequence[Row]) -> str:
 def paper(rows: Sequence[Row]) -> str:
     """The paper's experiment, its numbers beside ours."""
     known = int(np.sum(np.median([row["rsd"] for row in rows], axis=0) < _KNOWN))
-    torque = ", ".join(f"{error:.1%}" for error in np.median([row["torque_error"] for row in rows], axis=0))
+    torque = ", ".join(percent(error, 1) for error in np.median([row["torque_error"] for row in rows], axis=0))
     lines = [
         ["runs in which every segment above 5 % has the right sign", f"{right(rows)} of {len(rows)}", "1 of 1"],
         ["coefficients", rows[0]["coefficients"], "36"],
         ["of the 26 of Table II that are not zero: known to 10 % (median run)", known, ""],
         ["torque error on a new trajectory, joints 1 to 6 (median)", torque, ""],
-        ["95 % intervals that hold the nominal value", f"{covered(rows):.1%}", ""],
+        ["95 % intervals that hold the nominal value", percent(covered(rows), 1), ""],
     ]
     return markdown(["", "ours", "paper (one run)"], lines)
 
@@ -132,6 +134,7 @@ def effects(rows: Sequence[Row]) -> str:
     known = [row for row in rows if row["hidden"] and row["hidden"][0][0] != "outside"]
     seconds = [row["timings"]["discrepancy"] for row in rows]
     signs_right = [row["signs"] for row in rows]
+    average, worst = percent(np.mean(signs_right), 2), percent(min(signs_right), 2)
     lines = [
         [f"named first (or equivalent), size >= {CLEAR:g}", share(clear, "first")],
         ["joint right", share([row for row in clear if row["hidden"][0][1] and row["first"]], "joint")],
@@ -140,7 +143,7 @@ def effects(rows: Sequence[Row]) -> str:
         ["two effects, both found in their joints", share(kinds["pairs"], "all")],
         ["holdout gap over the noise floor, median before and after", _gaps(known)],
         [f"the same, size >= {CLEAR:g}", _gaps([row for row in known if row["size"] >= CLEAR])],
-        ["signs right (strong samples), mean and minimum", f"{np.mean(signs_right):.2%}, {min(signs_right):.2%}"],
+        ["signs right (strong samples), mean and minimum", f"{average}, {worst}"],
         ["seconds per log without identification, median and maximum", f"{np.median(seconds):.1f}, {max(seconds):.0f}"],
     ]
     return markdown([f"{len(rows)} cases", ""], lines)

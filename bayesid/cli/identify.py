@@ -61,7 +61,7 @@ _SEPARATE: Mapping[State, str] = {
     "look": "Usable with care",
     "bad": "Do not rely on all of these results yet",
 }
-_WIDEST = {"log10 Bayes factor": 12, "size and sd": 40, "could also be": 20, "sd of ratio to others": 14}
+_WIDEST = {"log10 Bayes factor": 12, "size and sd": 40, "fits equally well": 20, "sd of ratio to others": 14}
 _LIST_REMEDY = 'give tables [[logs]] with file = "loaded.csv" and, for a payload, payload = "tool1", mass = 2.8'
 
 
@@ -181,6 +181,7 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
         *_constraints(summary),
         *(f"additional effects: {line}" for line in _additional(summary)),
         *_table_of(tables.EFFECT_HEADINGS, tables.effect_rows(summary)),
+        *filter(None, [tables.effect_symbols(summary)]),
         *(_verdict("gains: ", check) for check in model_checks.gains(summary)),
         *_table_of(tables.GAIN_HEADINGS, tables.gain_rows(summary)),
         _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),

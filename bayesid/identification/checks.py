@@ -198,13 +198,16 @@ def modes(weights: Sequence[float], flipped: Sequence[Sequence[int]], chosen: in
     """Whether the posterior has several modes: their weights, and the joints (from 1) flipped against the first."""
     others = [k for k in range(len(weights)) if k != chosen and weights[k] > TUNING.other_mode]
     if not others:
-        return Check("Modes", "good", f"no other mode has more than {percent(TUNING.other_mode, 0)} of the probability")
+        share = percent(TUNING.other_mode, 0)
+        return Check("Modes", "good", f"one mode: any other has less than {share} of the probability")
     parts = []
     for k in others:
         joints = ", ".join(map(str, flipped[k]))
         signs = f"signs of joint {joints} flipped" if joints else "single segments differ"
-        parts.append(f"{weights[k]:.2g} for mode {k + 1}{f' ({signs})' if k else ''}")
-    message = f"the posterior has other modes than mode {chosen + 1} ({weights[chosen]:.2g}): {', '.join(parts)}"
+        parts.append(f"mode {k + 1} with {weights[k]:.2g}{f' ({signs})' if k else ''}")
+    written = f"mode {chosen + 1} with probability {weights[chosen]:.2g} is written"
+    others_in_words = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
+    message = f"the posterior has separate modes: {written}, besides {others_in_words}"
     return Check("Modes", "look", message, f"`--mode` writes another mode; {BETTER_MOTION} to exclude modes")
 
 
@@ -219,8 +222,8 @@ def contradicted_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
 
 def active_constraints(shares: Mapping[str, float]) -> Check:
     """Constraints that limit the posterior, with the share of draws on the boundary of each."""
-    parts = ", ".join(f"{label} ({percent(share, 1)} of the draws on its boundary)" for label, share in shares.items())
-    return _remark(f"active constraint{'s' * (len(shares) > 1)}: {parts}")
+    parts = ", ".join(f"{label} ({percent(share, 1)} of the draws at its edge)" for label, share in shares.items())
+    return _remark(f"the posterior is limited by constraint{'s' * (len(shares) > 1)}: {parts}")
 
 
 GAINS_NOT_CONVERGED = Check("Gains", "bad", "signs and gains did not converge", "give narrower --gains")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -77,9 +78,9 @@ def gains(summary: Summary) -> list[Check]:
     parts = []
     if by_data:
         worst_of = max(of_log.ratio_sd[j - 1] or 0.0 for j in by_data)
-        parts.append(f"ratio{'s' * (len(by_data) > 1)} of {joints_in_words(by_data)} known to {percent(worst_of)}")
+        parts.append(f"{_ratios(by_data)} known to {percent(worst_of)}")
     if by_prior:
-        parts.append(f"{joints_in_words(by_prior)} as stated (prior)")
+        parts.append(f"{_ratios(by_prior)} by the prior only")
     unknown_scale = of_log.factor_decided_by == BY_PRIOR
     known = f"the common factor known to {checks.spread_in_words(of_log.factor_sd or 0.0)}"
     if of_log.factor_decided_by == GIVEN:
@@ -94,6 +95,10 @@ def gains(summary: Summary) -> list[Check]:
         parts.append(f"load-dependent friction in {whose} explains the log as well")
     state: State = "look" if unknown_scale or of_log.like_friction else "good"
     return [Check("Gains", state, "; ".join(parts), checks.FACTOR_REMEDY if unknown_scale else "")]
+
+
+def _ratios(joints: Sequence[int]) -> str:
+    return f"ratio{'s' * (len(joints) > 1)} of {joints_in_words(joints)}"
 
 
 def intervals(summary: Summary) -> list[Check]:
@@ -142,15 +147,12 @@ def whiteness(findings: ReportData) -> Check:
 def decided(findings: ReportData) -> Check:
     """Whether the data or the prior decide the coefficients."""
     table, count = findings.coefficients, len(findings.coefficients.mean)
-    by_data, poor = int(table.by_data.sum()), int((table.relative_sd > TUNING.poorly_known).sum())
-    apart = ""
-    if (gains := findings.summary.gains) is not None and gains.sd_of_coefficients:
-        sd = np.array(gains.sd_of_coefficients, dtype=float)
-        poor = int((sd > TUNING.poorly_known * np.abs(table.mean)).sum())
-        apart = "apart from the common factor of the gains, "
+    by_data, poor = int(table.by_data.sum()), int((findings.sd_apart > TUNING.poorly_known * np.abs(table.mean)).sum())
+    gains = findings.summary.gains
+    apart = "apart from the common factor of the gains, " if gains is not None and gains.sd_of_coefficients else ""
     message = (
-        f"{apart}the data determine {by_data} of {count} coefficients; {poor} do not differ from zero (1 sd); "
-        f"{len(findings.prior_parameters)} individual parameters are not identifiable"
+        f"{apart}the data determine {by_data} of {count} coefficients; {poor} are smaller than their standard "
+        f"deviation; {len(findings.prior_parameters)} individual parameters are not identifiable"
     )
     remedy = f"{commands.excite(findings.summary)} designs a better motion; or state known parameters by --nominal"
     posterior = findings.summary.posterior

@@ -54,7 +54,7 @@ class SegmentTable:
     sign: Integers  #: (S,) +1 or -1
     confidence: Array  #: (S,) expected share of the segment's energy whose sign is right
     moving: Mask  #: (S,) whether the actuator moves
-    ambiguous: Mask  #: (S,) confidence below `TUNING.ambiguous`
+    ambiguous: Mask  #: (S,) hidden sign with a confidence below `TUNING.ambiguous`
 
 
 @dataclass(frozen=True)
@@ -159,6 +159,15 @@ class ReportData:
     def n_joints(self) -> int:
         """Number of joints n."""
         return len(self.effort_unit)
+
+    @property
+    def sd_apart(self) -> Array:
+        """(r,) standard deviations of the coefficients, with estimated gains at a fixed common factor of these."""
+        gains = self.summary.gains
+        if gains is None or not gains.sd_of_coefficients:
+            return self.coefficients.sd
+        sd = np.array(gains.sd_of_coefficients, dtype=float)
+        return np.where(np.isnan(sd), np.inf, sd)
 
     @property
     def segment_size(self) -> Array:
@@ -266,7 +275,7 @@ def _segments(identification: Identification) -> SegmentTable:
         sign=signs,
         confidence=confidence,
         moving=segments.moving,
-        ambiguous=confidence < TUNING.ambiguous,
+        ambiguous=(confidence < TUNING.ambiguous) & ~identification.log.signed[segments.joint],
     )
 
 

@@ -238,9 +238,20 @@ def _complete(identification: Identification) -> CompletionSummary | None:
     model_selection = identification.model_selection
     if model_selection is None:
         return None
-    effects = [_effect(identification, entered, identification.parameter_sd[0]) for entered in model_selection.effects]
+    sd = _sd_apart(identification)
+    effects = [_effect(identification, entered, sd) for entered in model_selection.effects]
     errors, uncertain = filled(ErrorsSummary, model_selection), tuple(model_selection.uncertain)
     return filled(CompletionSummary, model_selection, effects=effects, held_back_error=errors, uncertain=uncertain)
+
+
+def _sd_apart(identification: Identification) -> Array:
+    """(P,) sd of the parameters; with estimated gains at a fixed common factor, for those that are coefficients."""
+    sd, known = identification.parameter_sd[0].copy(), identification.coefficients
+    if identification.gains is None:
+        return sd
+    single = np.count_nonzero(known.projection, axis=1) == 1
+    sd[known.selected[single]] = identification.sd_apart[single]
+    return sd
 
 
 def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:

@@ -26,18 +26,21 @@ Numbers = tuple[Number, ...]
 
 @dataclass(frozen=True)
 class Shown:
-    """Marks a field that pages show: its label, and a format or a function for its text."""
+    """Marks a field that pages show: its label, and a format or a function for its text; details are folded."""
 
     label: str
     text: str | Callable[[Any], str] = "{}"
+    detail: bool = False
 
 
-def shown_rows(part: object) -> list[tuple[str, str]]:
-    """Labels and texts of the fields that pages show, without empty ones."""
+def shown_rows(part: object, *, detail: bool = False) -> list[tuple[str, str]]:
+    """Labels and texts of the fields that pages show, without empty ones; of the details or of the others."""
     rows = []
     for name, hint in get_type_hints(type(part), include_extras=True).items():
         value = getattr(part, name)
         for shown in getattr(hint, "__metadata__", ()) if value not in (None, ()) else ():
+            if shown.detail != detail:
+                continue
             rows.append((shown.label, shown.text.format(value) if isinstance(shown.text, str) else shown.text(value)))
     return rows
 
@@ -86,24 +89,25 @@ class SearchSummary:
     proofs: int  # number of proofs: repeated if the final noise weights change the signs
     uncertified_because: str  # why a finished search proves nothing: "tikhonov", "noise" or ""
     # grown, pruned by bound or cone, survivors, leaves, and segments undecided at the time limit
-    beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts)]
+    beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts, detail=True)]
     certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
     lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
     gap: Number  # cost minus lower bound
     optimality_gap: Number  # Delta: assignments that cost up to this much more than the best are listed
     assignments: int | None  # number of listed assignments, including the best
-    missed_mass: Number  # upper bound of the posterior mass of all unlisted assignments over that of the best one
+    # upper bound of the posterior mass of all unlisted assignments over that of the best one
+    missed_mass: Annotated[Number, Shown("Unlisted assignments: probability over that of the best, at most", "{:.2g}")]
     persistent_share: Annotated[Number, Shown("Samples with a determined sign", _percent)]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # segments whose sign the proof does not determine
-    seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
-    sdp_solves: Annotated[int, Shown("Constrained least-squares problems")]  # cone problems solved
-    nodes: Annotated[int, Shown("Nodes of the tree")]
-    rounds: Annotated[int, Shown("Search rounds")]
+    seconds: Annotated[float, Shown("Time of search and fit", "{:.1f} s")]
+    sdp_solves: Annotated[int, Shown("Constrained least-squares problems", detail=True)]  # cone problems solved
+    nodes: Annotated[int, Shown("Nodes of the search tree", detail=True)]
+    rounds: Annotated[int, Shown("Search rounds", detail=True)]
     timed_out: bool = False  # whether the time limit ended a search: a faster machine may give other signs
     # methods of the last search, each with its cost, nominal seconds and number of starts
-    ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways)] = ()
+    ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways, detail=True)] = ()
     # probability that the right assignment was not found; 0 with a proof
-    unlisted_probability: Annotated[Number, Shown("Probability of a better assignment", _percent)] = None
+    unlisted_probability: Annotated[Number, Shown("Probability that the search missed a better one", _percent)] = None
 
 
 @dataclass(frozen=True)
@@ -236,9 +240,9 @@ class ConstraintSummary:
     """A stated constraint."""
 
     label: str  # as it was stated
-    nats: float  # gain in log-likelihood without the constraint; 0 if not active in the fit
+    nats: float  # gain in log-likelihood without the constraint; 0 if the best fit satisfies it
     at_edge: Number = None  # share of draws within a tenth of the slack's sd; None without a posterior
-    presses: bool = False  # whether it is active for the draws
+    presses: bool = False  # whether it limits the draws
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from bayesid.identification.checks import spread_in_words
 from bayesid.identification.gains import GIVEN
+from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.summary import Summary
-from bayesid.report.words import label
+from bayesid.report.words import label, sizes_in_words
 
-EFFECT_HEADINGS = ("additional effect", "log10 Bayes factor", "size and sd", "could also be")
+EFFECT_HEADINGS = ("additional effect", "log10 Bayes factor", "size and sd", "fits equally well")
 """Of `effect_rows`."""
 
 
@@ -29,9 +31,16 @@ def effect_rows(summary: Summary) -> list[tuple[str, ...]]:
     ]
 
 
+def effect_symbols(summary: Summary) -> str:
+    """What the symbols in the table of effects mean; empty without effects."""
+    found = () if summary.complete is None else summary.complete.effects
+    sentences = dict.fromkeys(filter(None, (sizes_in_words(effect.form) for effect in found)))
+    return f"sizes in brackets: {'; '.join(sentences)}" if sentences else ""
+
+
 def _number(name: str, number: Mapping[str, Any]) -> str:
     sd = np.nan if number["sd"] is None else number["sd"]
-    return f"{name} {quantity(number['value'], sd, number['unit'].removeprefix('1'))}"
+    return f"{name} {quantity(number['value'], sd, number['unit'])}"
 
 
 GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "sd of ratio to others", "decided by")
@@ -48,7 +57,7 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
         (
             str(joint),
             stated,
-            quantity(mean or 0.0, sd or 0.0, found.unit),
+            _gain(mean or 0.0, sd or 0.0, found.unit),
             f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
             "" if by == GIVEN else percent(ratio or 0.0),
             by,
@@ -59,7 +68,14 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
     ]
 
 
-CONSTRAINT_HEADINGS = ("constraint", "cost", "draws at its edge", "limits the draws")
+def _gain(mean: float, sd: float, unit: str) -> str:
+    """With its deviation, or the factor to which it is known if that is large."""
+    if sd <= IDENTIFICATION.wide_factor * abs(mean):
+        return quantity(mean, sd, unit)
+    return f"{rounded(mean, 2)} {unit}, to {spread_in_words(sd / abs(mean))}"
+
+
+CONSTRAINT_HEADINGS = ("constraint", "cost of satisfying it", "draws at its edge", "limits the draws")
 """Of `constraint_rows`."""
 
 
@@ -78,5 +94,5 @@ def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
 
 def _price(nats: float) -> str:
     if nats == 0.0:
-        return "not active"
+        return "none: the best fit satisfies it"
     return f"{nats:.1f} nats" if nats >= 0.05 else "under 0.1 nats"

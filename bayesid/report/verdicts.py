@@ -45,7 +45,7 @@ def check_findings(findings: ReportData) -> tuple[Check, ...]:
         decided(findings),
         validation(findings),
     )
-    others = (*others, _warnings(unsaid(summary.warnings, (reading, *others)), summary.corrected))
+    others = (*others, _warnings(summary, unsaid(summary.warnings, (reading, *others))))
     if reading.state == "bad":
         others = tuple(replace(other, remedy="fix the robot file first") if other.remedy else other for other in others)
     return (reading, *others)
@@ -76,7 +76,7 @@ def _excitation(findings: ReportData) -> Check:
     if condition is None or len(silent):
         found = checks.not_excited(len(silent) or "some", len(findings.coefficients.mean))
         return replace(found, remedy=f"{found.remedy}: {design} designs one")
-    message = f"the condition number of the regressor is {condition:.0f}"
+    message = f"the condition number of the regressor is {condition:.0f} (good: up to {TUNING.well_conditioned:g})"
     remedy = f"some coefficients are nearly indistinguishable: {design} designs a better motion"
     return graded("Excitation", condition, (TUNING.well_conditioned, TUNING.ill_conditioned), message, remedy)
 
@@ -135,7 +135,7 @@ def proof(summary: Summary) -> Check:
         agreed = search.persistent_share or 0.0
         odds = np.exp(0.5 * within)
         flip = f"{counted(others, 'alternative')} at most {odds:.0f} times less likely flip{'s' * (others == 1)}"
-        message = f"proven: no assignment costs less; {flip} {percent(1.0 - agreed, 1)} of the samples"
+        message = f"proven: no assignment costs less, but {flip} {percent(1.0 - agreed, 1)} of the samples"
         return graded(name, agreed, (TUNING.mostly_sure, 0.0), message, ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"
@@ -181,13 +181,14 @@ def _modes(findings: ReportData) -> list[Check]:
     return [replace(found, state=state, message=found.message + more)]
 
 
-def _warnings(others: Sequence[str], corrected: Sequence[str]) -> Check:
-    """Warnings with a remedy are `look`; others, as on corrections of the log, are information."""
-    name, ask = "Warnings", [said for said in others if "; " in said and said not in corrected]
+def _warnings(summary: Summary, others: Sequence[str]) -> Check:
+    """Warnings that no check repeats: those with a remedy are `look`, corrections of the log are information."""
+    name, ask = "Warnings", [said for said in others if "; " in said and said not in summary.corrected]
     if len(ask) > 1:
         return Check(name, "look", f"{len(ask)} need attention, listed above", "follow the advice of each", len(ask), 0)
     if ask:
         message, _, remedy = ask[0].partition("; ")
         return Check(name, "look", message, remedy, 1, 0)
-    message = f"{counted(len(others), 'warning')} for information, listed above" if others else "none"
+    none = "none besides the checks above" if summary.warnings else "none"
+    message = f"{counted(len(others), 'warning')} for information, listed above" if others else none
     return Check(name, "good", message, value=0, limit=0)

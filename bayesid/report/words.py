@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from bayesid.effects.catalogue import noun
+from bayesid.effects.catalogue import forms, noun, owner
 
 if TYPE_CHECKING:
     from bayesid.discrepancy.workflow import Discrepancy
@@ -33,6 +34,28 @@ def form_label(name: str, *remarks: str) -> str:
     effect, _, form = name.partition(".")
     details = [*([form.replace("_", " ")] if form else []), *remarks]
     return label(effect) + (f" ({', '.join(details)})" if details else "")
+
+
+_OF_LINK = re.compile(r"(?P<kind>J|mc|m)(?P<link>\d+)(?P<axes>[xyz]*)")
+_OF_KIND = {"J": "inertia", "mc": "first moment", "m": "mass"}
+
+
+def meaning(parameter: str) -> str:
+    """Inertia xy of link 2; Coulomb friction, joint 1; empty if unknown."""
+    if found := _OF_LINK.fullmatch(parameter):
+        return f"{_OF_KIND[found['kind']]} {found['axes']}".rstrip() + f" of link {found['link']}"
+    symbol = parameter.rstrip("0123456789")
+    try:
+        return label(owner(symbol)[0].name, (int(parameter[len(symbol) :]),))
+    except (StopIteration, ValueError):
+        return ""
+
+
+def sizes_in_words(form: str) -> str:
+    """What the numbers of an effect are, by its sentence: viscous friction that saturates: [Fe] beyond [knee]."""
+    sentence = forms()[form].phrase.sentence if form in forms() else ""
+    text = re.sub(r"\{(\w+)\}", lambda found: "" if found[1] in ("who", "whose") else f"[{found[1]}]", sentence)
+    return text.strip().removeprefix("needs ").rstrip(".")
 
 
 def score_label(score: Score) -> str:

@@ -145,8 +145,11 @@ FAULTS = (
     ({"sign_solution": SimpleNamespace(signs=signs_with(False, None, timed_out=True))}, ("search", "--time-limit")),
     ({"posterior": posterior_with(converged=False, timed_out=True)}, ("sampling", "--time-limit")),
     ({"model_error_probability": (0.0, 0.3)}, ("joint 2", "0.85")),
-    ({"posterior": posterior_with(weights=(0.7, 0.3))}, ("mode 1 (0.7)", "0.3 for mode 2", "joint 2, 3", "--mode")),
-    ({"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)}, ("mode 2 (0.28)", "0.7 for mode 1")),
+    ({"posterior": posterior_with(weights=(0.7, 0.3))}, ("probability 0.7", "mode 2 with 0.3", "2, 3", "--mode")),
+    (
+        {"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)},
+        ("mode 2 with probability 0.28", "1 with 0.7"),
+    ),
     ({"posterior": posterior_with(asked=3)}, ("no mode 3", "modes: 1")),
     ({"posterior": posterior_with(converged=False)}, ("1.05,", "1.01 ", "needs 1,024", "has 73", "--posterior-budget")),
     (

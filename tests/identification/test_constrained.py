@@ -117,16 +117,16 @@ def test_what_holds_draws_back_is_named_on_the_page_in_the_summary_and_the_warni
     active_bounds = [one.label for one in summary.constraints if one.presses]
     assert 0 < len(active_bounds) <= len(labels)
     assert active_bounds == list(constrained.posterior.active_constraints)
-    (said,) = [warning for warning in constrained.warnings if "active constraint" in warning]
+    (said,) = [warning for warning in constrained.warnings if "limited by constraint" in warning]
     for one in summary.constraints:
-        assert (f"{one.label} ({100.0 * one.at_edge:.1f} % of the draws on its boundary)" in said) == one.presses
+        assert (f"{one.label} ({100.0 * one.at_edge:.1f} % of the draws at its edge)" in said) == one.presses
     assert all("--links" not in warning for warning in constrained.warnings)
     page = identification_page(report_data(constrained))
     table = page.split('id="constraints"')[1].split("</section>")[0]
     rows = [re.sub("(<[^>]*>)+", "|", html.unescape(row)).split("|") for row in table.split("<tr")[2:]]
     for row, one in zip(rows, summary.constraints, strict=True):
         assert {f"{100.0 * one.at_edge:.1f}\xa0%", "yes" if one.presses else "no"} <= set(row)
-        assert ("not active" in row) == (one.nats == 0.0)
+        assert ("none: the best fit satisfies it" in row) == (one.nats == 0.0)
     assert 'id="constraints"' not in identification_page(report_data(sampled()))
 
 

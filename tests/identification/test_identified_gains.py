@@ -66,6 +66,10 @@ def test_gains_are_those_of_the_model_that_effects_are_left_out_of(arm, monkeypa
     result = identify(arm.robot, wrong(arm.log(noise=0.03)), terms, search=SEARCH, posterior=brief)
     assert (len(asked[1]), len(result.model_selection.effects)) == (3, 2)
     assert result.posterior.log_gain.shape[-1] == 3
+    apart = dict(zip(result.coefficients.names, result.sd_apart.tolist(), strict=True))
+    for effect in result.report_data().summary.complete.effects:
+        sizes = {name: size["sd"] for name, size in effect.parameters.items() if name in apart}
+        assert sizes == pytest.approx({name: apart[name] for name in sizes})
     assert np.abs(ratio_errors(result.gains, 1.0)).max() < 5.0
     assert limits == sorted(limits, reverse=True)
     assert len(set(limits)) > 4

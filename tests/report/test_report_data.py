@@ -158,6 +158,9 @@ def test_segments_are_those_of_the_table(any_of_them, tmp_path):
         at_the_end = found.end[k] == t[-1]
         assert lasts == pytest.approx((row["n_samples"] - at_the_end) * period, abs=2e-6)
     np.testing.assert_array_equal(found.ambiguous, found.confidence < 0.95)
+    known = np.arange(any_of_them.model.robot.n_joints) == 1
+    half_known = report_data(replace(any_of_them, log=replace(any_of_them.log, signed=known))).segments
+    np.testing.assert_array_equal(half_known.ambiguous, found.ambiguous & (found.joint != 1))
     if not any_of_them.log.pooled:
         for j in range(any_of_them.model.robot.n_joints):
             mine = found.joint == j

@@ -179,8 +179,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", decided(4), "4|8"),
         ("bad", decided(3), "3|8"),
         ("bad", posterior(active_bounds=PRESSED), "mass of all links, from above|97"),
-        ("good", by_factor(0.1), "common factor of the gains|8 of 8|0 do not"),
-        ("good", by_factor(2.0), "common factor of the gains|8 of 8|8 do not"),
+        ("good", by_factor(0.1), "common factor of the gains|8 of 8|0 are smaller"),
+        ("good", by_factor(2.0), "common factor of the gains|8 of 8|8 are smaller"),
     ],
     "Validation": [
         ("good", GOOD, "another.csv|3.1|3.2|93|94"),
@@ -201,6 +201,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", summary(warnings=["a dog; beware", "a cat; look up"]), "2"),
         ("look", summary(warnings=[*MENDED, "joint 3 stands; look"], corrected=MENDED), "joint 3 stands"),
         ("good", summary(warnings=[*MENDED, "no remedy"], corrected=MENDED), "2"),
+        ("good", summary(warnings=["relative residual"]), "none besides the checks"),
     ],
 }
 

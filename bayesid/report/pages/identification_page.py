@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from markupsafe import Markup
@@ -11,12 +11,14 @@ from markupsafe import Markup
 from bayesid.identification.checks import State, convergence
 from bayesid.identification.identification import SURE, Identification
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
-from bayesid.number_text import percent, quantity
+from bayesid.number_text import percent
 from bayesid.parallel import one_at_a_time
+from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
 from bayesid.report.conclusion import conclude
 from bayesid.report.pages import rendering as html
+from bayesid.report.pages.coefficient_table import coefficient_parts
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
 from bayesid.report.plot.identification import (
@@ -29,18 +31,19 @@ from bayesid.report.plot.identification import (
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.report_data import Alternatives, ReportData, SegmentTable, report_data
-from bayesid.report.summary import shown_rows
+from bayesid.report.summary import PosteriorSummary, shown_rows
 from bayesid.report.tables import (
     CONSTRAINT_HEADINGS,
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
     constraint_rows,
     effect_rows,
+    effect_symbols,
     gain_rows,
 )
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, sure_share
-from bayesid.report.words import joints_in_words, listed, upper
+from bayesid.report.words import joints_in_words, label, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -91,7 +94,8 @@ def identification_page(findings: ReportData, progress: Progress = SILENT) -> st
 def _lead(findings: ReportData) -> str:
     summary, share = findings.summary, np.array(findings.summary.fit.relative_residual, dtype=float)
     n, hidden = findings.n_joints, summary.hidden_joints
-    known = int((findings.coefficients.relative_sd < TUNING.well_known).sum())
+    known = int((findings.sd_apart < TUNING.well_known * np.abs(findings.coefficients.mean)).sum())
+    apart = " (apart from the common factor of the gains)" if summary.gains is not None else ""
     signs = (
         f"The signs were hidden in {'all' if hidden == n else f'{hidden} of {n}'} joints. The sign is now at least "
         f"{percent(SURE, 0)} certain for {percent(sure_share(findings), 1)} of the |effort|. "
@@ -99,9 +103,9 @@ def _lead(findings: ReportData) -> str:
         else "All signs were known. "
     )
     return (
-        f"{signs}{summary.n_coefficients} dynamic coefficients were identified, {known} of them to "
-        f"{percent(TUNING.well_known, 0)} (sd). The relative residual per joint is {percent(share.min(), 1)} to "
-        f"{percent(share.max(), 1)}."
+        f"{signs}{summary.n_coefficients} dynamic coefficients were identified, {known} of them with a standard "
+        f"deviation below {percent(TUNING.well_known, 0)}{apart}. The relative residual (RMS residual over RMS effort) "
+        f"is {percent(share.min(), 1)} to {percent(share.max(), 1)} per joint."
     )
 
 
@@ -111,8 +115,8 @@ def _about(findings: ReportData) -> list[tuple[str, str]]:
         ("Robot", summary.robot),
         ("Log", f"{summary.log}, {summary.n_samples} rows, {findings.samples.t[-1]:.4g} s"),
         *[("Payload", f"{part.payload}, carried in {part.source}") for part in summary.logs if part.payload],
-        ("Terms", ", ".join([*summary.terms, *summary.distortions])),
-        ("Run", summary.provenance.date),
+        ("Model", ", ".join(map(label, [*summary.terms, *summary.distortions]))),
+        ("Run", f"{summary.provenance.date[:16].replace('T', ' ')} UTC"),
     ]
 
 
@@ -140,6 +144,8 @@ def _over_time(findings: ReportData, panel: Callable[[ReportData, int, int], Pan
 
 
 def _doubts(findings: ReportData) -> list[Markup]:
+    if not findings.summary.hidden_joints:
+        return []
     segments, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(segments.ambiguous & segments.moving)
     largest = doubtful[np.argsort(-size[doubtful], kind="stable")][: TUNING.doubts]
@@ -155,7 +161,7 @@ def _doubts(findings: ReportData) -> list[Markup]:
     ]
     which = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
     caption = f"{which} in motion with an ambiguous sign, by their largest |effort|; the fit averages over both signs."
-    headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort| / joint's"
+    headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's maximum"
     table = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
     still = int((segments.ambiguous & ~segments.moving).sum())
     note = f"At standstill {still} of {int((~segments.moving).sum())} segments are ambiguous; they are not fitted."
@@ -170,15 +176,22 @@ def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
 
 def _effects(findings: ReportData) -> list[Markup]:
     rows = effect_rows(findings.summary)
-    caption = "Additional effects, confirmed by Bayes factor and by held-back blocks; each given all the others."
-    return [html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows)] if rows else []
+    if not rows:
+        return []
+    caption = (
+        "Additional effects. Each is confirmed by its Bayes factor, given all others (log10 of 2: the log is 100 times "
+        "likelier with the effect), and by a smaller error on held-back blocks. Fits equally well: an effect that this "
+        "log cannot distinguish from it."
+    )
+    symbols = f"{upper(effect_symbols(findings.summary))}. The number is that of the joint: Fe2 is [Fe] of joint 2."
+    return [html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows), html.paragraph(symbols, note=True)]
 
 
 def _gains(findings: ReportData) -> list[Markup]:
     rows = gain_rows(findings.summary)
     caption = (
-        "Estimated gains. Data decide the ratio of a gain to the others if its variance is at most a tenth of the "
-        "stated one. The common factor is in the checks."
+        "Estimated gains, with their common factor (check Gains). Decided by data: the log reduces the variance of "
+        "this gain's ratio to the others to at most a tenth of the stated one."
     )
     return [html.table(caption, list(map(upper, GAIN_HEADINGS)), rows)] if rows else []
 
@@ -186,73 +199,12 @@ def _gains(findings: ReportData) -> list[Markup]:
 def _constraints(findings: ReportData) -> list[Markup]:
     rows = constraint_rows(findings.summary)
     caption = (
-        "Stated constraints. Cost: gain in log-likelihood without this constraint; above "
-        f"{IDENTIFICATION.contradicted_constraint:.1f} nats the log contradicts it. A draw is at the edge within a "
-        "tenth of the standard deviation of its distance."
+        "Stated constraints. Cost: increase of the log-likelihood without the constraint, in nats; above "
+        f"{IDENTIFICATION.contradicted_constraint:.1f} nats (odds of 1000 to 1) the log contradicts it. A draw is at "
+        "the edge within a tenth of the standard deviation of its distance. Limits the draws: above "
+        f"{percent(POSTERIOR.presses, 0)} of the draws are there."
     )
     return [html.table(caption, list(map(upper, CONSTRAINT_HEADINGS)), rows)] if rows else []
-
-
-def _coefficients(findings: ReportData) -> list[Markup]:
-    found = findings.coefficients
-    nominal = bool(np.isfinite(found.nominal).any())
-    rows = []
-    for k, mean in enumerate(found.mean):
-        low, high = found.low[k], found.high[k]
-        known = np.isfinite([low, high]).all()  # else the coefficient is not excited
-        interval = Markup('<span class="interval">{} to {}</span>').format(html.number(low), html.number(high))
-        rows.append(
-            (
-                found.name[k],
-                html.data(mean, quantity(float(mean), float(found.sd[k]), found.unit[k])),
-                html.data(found.relative_sd[k], _percent(found.relative_sd[k])),
-                interval if known else html.NONE,
-                *([_nominal(found.nominal[k], mean)] if nominal else []),
-                "data" if found.by_data[k] else Markup("<strong>prior</strong>"),
-                _bar(*(float(values[k]) for values in found.bar)),
-                Markup('<span class="expression">{}</span>').format(html.typeset(found.expression[k])),
-            )
-        )
-    caption = (
-        "Base coefficients: the identifiable combinations of link parameters. Bar: mean; line: 95 % interval; tick: "
-        "nominal value; all scaled by the coefficient's size."
-    )
-    headings = ["Name", "Mean and sd", "Relative sd", "95 % interval", *(["Nominal"] if nominal else [])]
-    headings += ["Decided by", "Scaled", "Expression"]
-    names = ", ".join(findings.prior_parameters)
-    by_prior = html.paragraph(
-        f"Individual parameters that are not identifiable (the prior decides them): {names}.", note=True
-    )
-    notes = [by_prior] if names else []
-    if on_edge := findings.summary.fit.links_on_edge:
-        links = f"link{'s' * (len(on_edge) > 1)} {listed([str(link) for link in on_edge])}"
-        note = f"Do not use individual parameters of {links}: the fit is at the edge of physical feasibility."
-        notes.append(html.paragraph(f"{note} Coefficients and predicted efforts are not affected.", note=True))
-    return [html.table(caption, headings, rows), *notes]
-
-
-def _nominal(value: float, mean: float) -> Markup:
-    """A value that is zero but for rounding is written as zero."""
-    return html.data(value, "0") if abs(value) < 1e-9 * abs(mean) else html.number(value)
-
-
-def _percent(share: float) -> str:
-    return percent(share, 1) if share < 0.1 else percent(share, 0) if share < 10.0 else "> 1000 %"
-
-
-def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
-    """A bar from -2 to 2 sizes of the coefficient, with interval and nominal value."""
-    zero = 60.0  # of a width of 120; the coefficient's size takes 28
-
-    def place(value: float) -> float:
-        return zero + 28.0 * float(np.clip(value, -2.0, 2.0))
-
-    tick = "" if np.isnan(nominal) else f'<path class="tick" d="M{place(nominal):.1f} 1v14"/>'
-    return Markup(
-        '<svg class="bar" viewBox="0 0 120 16" aria-hidden="true"><path class="zero" d="M60 0v16"/>'
-        f'<rect x="{min(place(mean), zero):.1f}" y="4" width="{abs(place(mean) - zero):.1f}" height="8"/>'
-        f'<path class="range" d="M{place(low):.1f} 8H{place(high):.1f}"/>{tick}</svg>'
-    )
 
 
 def _posterior(findings: ReportData) -> list[Markup]:
@@ -269,18 +221,25 @@ def _posterior(findings: ReportData) -> list[Markup]:
         del drawn[1]
     pictures = [html.picture(figure(findings, count), name, caption) for figure, name, count, caption in drawn]
     note = (
-        f"{posterior.draws} draws of {posterior.ensembles} ensembles of {posterior.walkers} walkers; "
-        f"{convergence(posterior.max_rhat, posterior.min_ess)}. Shown: the least determined coefficients, "
-        "minus their mean, over the prior's standard deviation."
+        f"{posterior.draws} draws by {posterior.ensembles} independent ensembles of {posterior.walkers} walkers; "
+        f"{convergence(posterior.max_rhat, posterior.min_ess)} over all coefficients and noise scales"
+        f"{_limits(posterior)}. Shown: the least determined coefficients, each minus its mean and divided by the "
+        "prior's standard deviation."
     )
     return [html.paragraph(note, note=True), html.figures(pictures)]
+
+
+def _limits(posterior: PosteriorSummary) -> str:
+    if posterior.wanted_rhat is None or posterior.wanted_ess is None:  # a result of an earlier version
+        return ""
+    return f" (good: R-hat up to {posterior.wanted_rhat:g}, size from {posterior.wanted_ess:.0f})"
 
 
 def _residuals(findings: ReportData) -> list[Markup]:
     note = (
         "Recorded effort, with its sign, minus the model's. Blue points: samples, thinned. Orange lines: means with "
-        "twice their standard errors; where they differ from zero, the model lacks an effect. Grey band: "
-        "autocorrelation of white noise."
+        "twice their standard errors; where they differ from zero, the model lacks an effect. Grey band: 95 % of the "
+        "autocorrelations of white noise lie in it; outside, neighbouring residuals are correlated."
     )
     pictures = []
     for joint in range(1, findings.n_joints + 1):
@@ -295,17 +254,20 @@ def _proof(findings: ReportData) -> list[Markup]:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
         return []
-    caption = "Search for the signs, and what is proven."
+    caption = (
+        "Search for the signs, and what is proven. An assignment is one choice of all signs; its cost is the squared "
+        "residual in units of the noise."
+    )
     parts = [html.table(caption, ["What", "Value"], shown_rows(search))]
     if search.lower_bound is not None:
-        caption = "Costs of the alternatives that remain."
+        caption = "Costs of the assignments that the proof does not exclude."
         parts.append(html.figures([html.picture(alternatives_figure(findings), "alternatives", caption)]))
     if search.certified and count > 1:  # else the list is incomplete
         caption = f"The cheapest of {count - 1} alternatives that remain, and where they differ from the best."
         headings = ["Number", "Cost above the best", "Probability", "Flipped segments", "At"]
         parts.append(html.table(caption, headings, _others(findings)))
     elif search.certified:
-        parts.append(html.paragraph("No other assignment of the strong segments remains."))
+        parts.append(html.paragraph("No other assignment of the strong segments (those with much energy) remains."))
     return parts
 
 
@@ -341,22 +303,44 @@ def _validation(findings: ReportData) -> list[Markup]:
     return [*([seen] if prediction.seen else []), table, drawn]
 
 
+_STAGES = {
+    "prepare": "preparation of the log",
+    "other readings": "input diagnosis",
+    "search": "search for the signs, and fit",
+    "second opinion": "signs under a richer model",
+    "complete": "additional effects",
+    "posterior": "sampling",
+    "smooth": "signs of samples",
+}
+"""Names of the stages that `timings` holds."""
+
+
 def _run(findings: ReportData) -> list[Markup]:
-    run = findings.summary.provenance
-    options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
+    run, posterior, search = findings.summary.provenance, findings.summary.posterior, findings.summary.search
+    times = [f"{_STAGES.get(name, name)} {seconds:.1f} s" for name, seconds in findings.summary.timings.items()]
     named = [
         ("Command", run.command),
         ("In Python", run.call),
+        ("Version", f"bayesid {run.versions.get('bayesid', '')}".rstrip()),
+        ("Random seed", "" if posterior is None else str(posterior.seed)),
+        ("Time", ", ".join(times)),
+    ]
+    options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
+    details = [
         *((f"Option {name}", value) for name, value in options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),
-        *((f"Version of {name}", release) for name, release in run.versions.items()),
+        *((f"Version of {name}", release) for name, release in run.versions.items() if name != "bayesid"),
         ("Machine", run.machine),
-        *((f"Seconds: {name}", f"{seconds:.1f}") for name, seconds in findings.summary.timings.items()),
+        *(shown_rows(search, detail=True) if findings.summary.hidden_joints else []),
     ]
     caption = "The same options, data and versions give the same result, unless a time limit ended a stage."
-    rows = [(name, Markup("<code>{}</code>").format(value)) for name, value in named if value]
-    return [html.table(caption, ["What", "Value"], rows)]
+    folded = html.table("Options as in Python, checksums, versions.", ["What", "Value"], _in_code(details))
+    return [html.table(caption, ["What", "Value"], _in_code(named)), html.fold("Details", folded)]
+
+
+def _in_code(named: Iterable[tuple[str, str | None]]) -> list[tuple[str, Markup]]:
+    return [(name, Markup("<code>{}</code>").format(value)) for name, value in named if value]
 
 
 _PARTS: Mapping[tuple[str, str], Callable[[ReportData], list[Markup]]] = {
@@ -365,7 +349,7 @@ _PARTS: Mapping[tuple[str, str], Callable[[ReportData], list[Markup]]] = {
     ("effects", "Additional effects"): _effects,
     ("gains", "Gains"): _gains,
     ("constraints", "Constraints"): _constraints,
-    ("coefficients", "Coefficients"): _coefficients,
+    ("coefficients", "Coefficients"): coefficient_parts,
     ("posterior", "Posterior"): _posterior,
     ("residuals", "Residuals"): _residuals,
     ("proof", "Proof"): _proof,

@@ -95,6 +95,11 @@ def columns(lists: Sequence[tuple[str, Sequence[str]]], nothing: str) -> Markup:
     return _parts().columns(lists, nothing)
 
 
+def fold(title: str, *parts: Markup) -> Markup:
+    """Parts that open on a click."""
+    return Markup("<details><summary>{}</summary>{}</details>").format(title, Markup("\n").join(parts))
+
+
 def figures(pictures: Sequence[Picture], linked: bool = False) -> Markup:
     """Figures; if `linked`, with a common range of their x axes."""
     return _parts().linked(pictures) if linked else _parts().figures(pictures)
