@@ -4,8 +4,8 @@
 uses only this process if forking is unsafe: on other systems than Linux, outside the main thread, beside other threads,
 or within a task. If a worker is killed, its tasks are not repeated.
 
-Warnings, matplotlib's settings and the number of BLAS threads belong to the whole process: `ALONE` is held while they
-are changed, so that threads do not undo each other's changes.
+Warnings, matplotlib's settings and the number of BLAS threads belong to the whole process: `SETTINGS_LOCK` is held
+while they are changed, so that threads do not undo each other's changes.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from bayesid.progress import Steps, no_steps
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
-ALONE = threading.RLock()  # held while settings of the process are changed
+SETTINGS_LOCK = threading.RLock()  # held while settings of the process are changed
 
 
 def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """Runs a function in one thread at a time: ArviZ, xarray, pandas and matplotlib change global warning filters."""
 
     @wraps(function)
-    def alone(*given: Given.args, **named: Given.kwargs) -> Result:
-        with ALONE:
+    def locked(*given: Given.args, **named: Given.kwargs) -> Result:
+        with SETTINGS_LOCK:
             return function(*given, **named)
 
-    return alone
+    return locked
 
 
 @contextmanager
 def quiet(category: type[Warning]) -> Iterator[None]:
     """Suppresses warnings of a category; for short work only, as it blocks other threads."""
-    with ALONE, warnings.catch_warnings():
+    with SETTINGS_LOCK, warnings.catch_warnings():
         warnings.simplefilter("ignore", category)
         yield
 
@@ -64,13 +64,13 @@ class _OneBlasThread(ContextDecorator):
         self._limits: threadpool_limits | None = None
 
     def __enter__(self) -> None:
-        with ALONE:
+        with SETTINGS_LOCK:
             if self._inside == 0:
                 self._limits = threadpool_limits(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
-        with ALONE:
+        with SETTINGS_LOCK:
             self._inside -= 1
             if self._inside == 0 and self._limits is not None:
                 self._limits.restore_original_limits()
@@ -94,8 +94,8 @@ class WorkerPool(ProcessPoolExecutor):
 
     def __init__(self, workers: int, method: str) -> None:
         context = get_context(method)
-        held, self._leash = context.Pipe(duplex=False)
-        inherited = self._leash if method == "fork" else None
+        held, self._pipe_end = context.Pipe(duplex=False)
+        inherited = self._pipe_end if method == "fork" else None
         super().__init__(workers, mp_context=context, initializer=_start_worker, initargs=(held, inherited))
 
     def submit(self, function: Callable[Given, Result], /, *given: Given.args, **named: Given.kwargs) -> Future[Result]:
@@ -108,7 +108,7 @@ class WorkerPool(ProcessPoolExecutor):
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
-            self._leash.close()
+            self._pipe_end.close()
         self.shutdown()
 
 
@@ -119,10 +119,10 @@ def _start_worker(held: Connection, inherited: Connection | None) -> None:
         os.environ[variable] = "1"  # for a BLAS that is loaded later
     if inherited is not None:
         inherited.close()
-    threading.Thread(target=_end_with_leash, args=(held,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(held,), daemon=True).start()
 
 
-def _end_with_leash(held: Connection) -> None:
+def _exit_with_parent(held: Connection) -> None:
     with suppress(EOFError, OSError):
         held.recv()
     os._exit(1)
@@ -130,7 +130,7 @@ def _end_with_leash(held: Connection) -> None:
 
 # ---- Tasks of this process ----
 _tasks: Sequence[Callable[[], Any]] = ()  # the current tasks; workers inherit them
-_onlookers: set[threading.Thread] = set()
+_display_threads: set[threading.Thread] = set()
 _FORKING = 0.25
 """s; shorter work is done in this process. Two workers of a process of 1 GB cost about as much, as pages that either
 side writes to are copied."""
@@ -180,19 +180,19 @@ def processors() -> int:
 
 
 @contextmanager
-def onlookers() -> Iterator[None]:
+def display_threads() -> Iterator[None]:
     """For blocks whose threads only draw progress bars: tasks need none of their locks."""
     before = set(threading.enumerate())
     yield
-    _onlookers.update(set(threading.enumerate()) - before)
+    _display_threads.update(set(threading.enumerate()) - before)
 
 
 def _may_fork() -> bool:
     """Forking beside other threads is unsafe: their locks are never released in the worker."""
     here = threading.current_thread()
     others = set(threading.enumerate()) - {here}
-    _onlookers.intersection_update(others)
-    return sys.platform == "linux" and not _tasks and here is threading.main_thread() and others <= _onlookers
+    _display_threads.intersection_update(others)
+    return sys.platform == "linux" and not _tasks and here is threading.main_thread() and others <= _display_threads
 
 
 def _run(k: int) -> Any:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bayesid.errors import InputError
 from bayesid.files.writing import check_place, replace_file
-from bayesid.parallel import ALONE
+from bayesid.parallel import SETTINGS_LOCK
 from bayesid.studies.record import KEY, TIMINGS, MisfitError, Record, Row, read_rows
 from bayesid.study.runner import LostSchedulerError, Outcome, run
 
@@ -263,5 +263,5 @@ def _save_figure(finished: Finished, path: Path) -> None:
 
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     finished.study.draw(finished.good, figure)
-    with ALONE, rc_context({"svg.hashsalt": "bayesid"}):
+    with SETTINGS_LOCK, rc_context({"svg.hashsalt": "bayesid"}):
         replace_file(path, lambda aside: figure.savefig(aside, format="svg", metadata={"Date": None}))

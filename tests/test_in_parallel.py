@@ -22,7 +22,7 @@ copies_only = pytest.mark.skipif(not COPIES, reason="needs Linux and two process
 START = """
 import os, signal, sys, threading, time
 from functools import partial
-from bayesid.parallel import in_parallel, onlookers, processors
+from bayesid.parallel import in_parallel, display_threads, processors
 
 def who(k):
     time.sleep(0.05)

@@ -17,7 +17,7 @@ from rich.progress import Progress as Bars
 
 from bayesid.cli.terminal import console, note
 from bayesid.cli.tuning import TUNING
-from bayesid.parallel import onlookers
+from bayesid.parallel import display_threads
 from bayesid.progress import SILENT, Progress
 
 Counts = Callable[[int, int, int], None]  # called as counts(done, total, failed)
@@ -76,7 +76,7 @@ class Lines:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Self:
-        with onlookers():
+        with display_threads():
             self._thread.start()
         return self
 
@@ -120,7 +120,7 @@ class _Bar(Bars):
         super().__init__(*drawn, console=console(stderr=True), transient=True, refresh_per_second=4.0)
 
     def __enter__(self) -> Self:
-        with onlookers():
+        with display_threads():
             return super().__enter__()
 
     def get_renderables(self) -> Iterable[RenderableType]:

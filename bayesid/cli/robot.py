@@ -20,7 +20,7 @@ from bayesid.errors import InputError
 from bayesid.export.robot_file import robot_file, robot_template
 from bayesid.files.bounded import MOST_BYTES
 from bayesid.files.writing import replace_file
-from bayesid.log.formats.text import look
+from bayesid.log.formats.text import layout_of
 from bayesid.log.tuning import TUNING
 from bayesid.report.plot.robots import positions_text, skeleton_figure
 from bayesid.robot import Robot
@@ -60,7 +60,7 @@ def _table_of(source: str) -> tuple[str, str]:
     try:
         with nullcontext(sys.stdin.buffer) if source == "-" else Path(source).open("rb") as file:
             content = file.read(MOST_BYTES)
-        return content.decode(look(content).encoding), "standard input" if source == "-" else source
+        return content.decode(layout_of(content).encoding), "standard input" if source == "-" else source
     except (OSError, ValueError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise InputError(f"cannot be read ({reason})", source, "give a table as a text file, - or the text") from None

@@ -296,7 +296,7 @@ def _constraints(model: Model, *, loaded: bool) -> Constraints | None:
     constraints, robot = model.constraints, model.robot
     if constraints is None or not loaded:
         return constraints
-    return constraints.sparing([one.name for one in RigidBody().parameters(robot) if one.joint == robot.n_joints])
+    return constraints.not_involving([one.name for one in RigidBody().parameters(robot) if one.joint == robot.n_joints])
 
 
 def _confirmed_alone(found: Discrepancy) -> list[Effect]:

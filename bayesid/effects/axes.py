@@ -70,9 +70,9 @@ class Axis:
                 waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(len(x), -1)
                 return np.column_stack([np.ones(len(x)), waves]) if self.count % 2 else waves
             case Family.POWER:
-                return self._kept(x)[:, None] ** (self.order + np.arange(self.count))
+                return self._clipped(x)[:, None] ** (self.order + np.arange(self.count))
             case Family.ODD | Family.EVEN:
-                kept = self._kept(x)[:, None]
+                kept = self._clipped(x)[:, None]
                 return np.abs(kept) ** self.order * (np.sign(kept) if self.family is Family.ODD else 1.0)
             case Family.DIRECTION:
                 return np.tanh(x / self.order)[:, None]
@@ -106,7 +106,7 @@ class Axis:
         among_others = (powers and self.order == 0.0) or (waves and self.count % 2 == 1)
         return self.family in (Family.SMOOTH, Family.FADING) or among_others
 
-    def _kept(self, x: Array) -> Array:
+    def _clipped(self, x: Array) -> Array:
         further = TUNING.beyond * (self.high - self.low) if self.count <= 2 else 0.0
         return np.clip(x, self.low - further, self.high + further)
 

@@ -157,7 +157,7 @@ def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
         if not np.isfinite(columns).all():
             raise ValueError("its columns are not finite")
         if term.cone(robot).size != size:
-            raise ValueError(f"its cone is of {term.cone(robot).size} parameters, it has {size}")
+            raise ValueError(f"its cone has {term.cone(robot).size} parameters, expected {size}")
     except (AttributeError, IndexError, NotImplementedError, TypeError, ValueError) as error:
         remedy = f"fix {type(term).__name__}, see docs/extending.md"
         raise InputError(f"does not suit the robot ({error})", f"term {term.name}", remedy) from error

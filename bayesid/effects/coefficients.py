@@ -130,7 +130,7 @@ def _expression(weights: Array, labels: list[str], lengths: Mapping[str, float],
     symbols = _length_symbols(lengths)
     text = ""
     for label, weight in _with_mass_sums(weights, labels, n_links):
-        factor, negative = _spell(weight, symbols)
+        factor, negative = _factor_text(weight, symbols)
         text += (" - " if negative else " + ") + f"{factor} {label}".strip()
     return text[3:] if text.startswith(" + ") else f"-{text[3:]}"
 
@@ -157,7 +157,7 @@ def _length_symbols(lengths: Mapping[str, float]) -> list[tuple[str, float]]:
     return single + squares + products + doubled + sums
 
 
-def _spell(weight: float, symbols: list[tuple[str, float]]) -> tuple[str, bool]:
+def _factor_text(weight: float, symbols: list[tuple[str, float]]) -> tuple[str, bool]:
     """The factor to write ('' for 1, a whole number, a product of lengths, or digits), and whether a minus precedes."""
     if abs(weight - round(weight)) < _ZERO:
         whole = abs(round(weight))

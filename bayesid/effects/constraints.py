@@ -103,7 +103,7 @@ class Constraints:
     def without(self, label: str) -> Constraints:
         return self.only(k for k, other in enumerate(self.labels) if other != label)
 
-    def sparing(self, names: Sequence[str]) -> Constraints:
+    def not_involving(self, names: Sequence[str]) -> Constraints:
         """The constraints that involve none of these parameters."""
         involved = self.involved[:, [name in names for name in self.names]].any(axis=1)
         return self.only(np.flatnonzero(~involved).tolist())
@@ -121,7 +121,7 @@ class Constraints:
         """The constraints on a model's parameters, in its order; those on a parameter that it lacks are dropped."""
         places = {name: k for k, name in enumerate(names)}
         lacking = np.array([name not in places for name in self.names], dtype=bool)
-        kept = self.sparing(np.array(self.names)[lacking].tolist())
+        kept = self.not_involving(np.array(self.names)[lacking].tolist())
         columns = [places[name] for name in np.array(self.names)[~lacking].tolist()]
         rows, equal = (np.zeros((len(matrix), len(names))) for matrix in (kept.rows, kept.equal))
         basis = np.zeros((len(kept.basis), len(names), 4, 4))

@@ -23,7 +23,7 @@ Rows = Callable[[Robot, Motion], Array]
 
 
 class Direction(NamedTuple):
-    """Which way a simulated distortion goes: its sign, and an angle (rad) where there are two numbers."""
+    """Direction of a simulated distortion: its sign, and an angle (rad) for one with two numbers."""
 
     sign: float
     angle: float

@@ -74,7 +74,7 @@ class TorqueRipple(ActuatorTerm):
     name = "torque_ripple"
     shown_by = "moving slowly over a large range, at several speeds"
     phrase = Phrase(
-        "{who} needs torque ripple of {harmonic} waves a turn: {rs} in the sine and {rc} in the cosine.",
+        "{who} needs torque ripple of {harmonic} waves per turn: {rs} in the sine and {rc} in the cosine.",
         "torque ripple",
         units={"harmonic": ReadableUnit("")},
     )

@@ -269,5 +269,5 @@ class Effect:
 
 
 def effect_of(name: str) -> str:
-    """Name of the effect of which a name in the catalogue is a form."""
+    """Name of the effect of a form."""
     return name.split(".")[0]

@@ -53,7 +53,7 @@ def described(
     return Description(
         variables=tuple(symbols),
         formula=f"{formula} {unit}" if len(texts) == 1 else f"({formula}) {unit}",
-        depends=_depends(parts),
+        depends=_dependence(parts),
         families=tuple(dict.fromkeys(_families(joint, parts))),
     )
 
@@ -80,7 +80,7 @@ def _terms(component: Component, amplitude: Array) -> Iterator[str]:
     fixed = [axis for axis in component.axes if axis.count == 1]
     free = [axis for axis in component.axes if axis.count > 1]
     grids, values = surface(Component(tuple(free), component.weights), amplitude) if free else ([], amplitude)
-    factors = [_single(axis) for axis in fixed]
+    factors = [_function_text(axis) for axis in fixed]
     written = _sum(free, grids, np.asarray(values)) if len(free) <= TUNING.most_products else None
     if written is not None:
         for size, texts in written:
@@ -119,7 +119,7 @@ def _shape(axis: Axis, grid: Array, values: Array) -> tuple[str, float, Array] |
         found = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
         shape = np.asarray(columns @ found, dtype=np.float64)
         if np.sum((values - shape) ** 2) < (1.0 - TUNING.explained) * np.sum(values**2) + TINY:
-            return *_written(symbol(*axis.variable), turns, [text for text, _ in parts], found.tolist()), shape
+            return *_sum_text(symbol(*axis.variable), turns, [text for text, _ in parts], found.tolist()), shape
     return None
 
 
@@ -128,7 +128,7 @@ def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
     smooth = axis.family is Family.SMOOTH
     powers = smooth or axis.family is Family.POWER
     constant, straight, square = ("", np.ones_like(grid)), (name, grid), (f"{name}^2", grid**2)
-    turns = _turns(axis)
+    turns = _sine_multiples(axis)
     yield 0.0, [constant]
     if powers:
         yield 0.0, [straight]
@@ -146,7 +146,7 @@ def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
         yield 0.0, [square, straight, constant]
 
 
-def _turns(axis: Axis) -> list[float]:
+def _sine_multiples(axis: Axis) -> list[float]:
     """Multiples of a variable that a sine may have."""
     if axis.family is Family.PERIODIC:
         return [axis.order * k for k in range(1, axis.count // 2 + 1)]
@@ -154,7 +154,7 @@ def _turns(axis: Axis) -> list[float]:
     return [float(k) for k in range(1, 9)] if whole_turns else []
 
 
-def _written(name: str, turns: float, texts: list[str], amplitudes: list[float]) -> tuple[str, float]:
+def _sum_text(name: str, turns: float, texts: list[str], amplitudes: list[float]) -> tuple[str, float]:
     """A sum as text and factor, that of its first part: sin(3 q6 + 0.4), or (q2^2 - 0.3 q2 + 0.1)."""
     if turns:
         sine, cosine, *amplitudes = amplitudes
@@ -168,7 +168,7 @@ def _written(name: str, turns: float, texts: list[str], amplitudes: list[float])
     return (f"({first or '1'} {' '.join(others)})" if others else first), size
 
 
-def _single(axis: Axis) -> str:
+def _function_text(axis: Axis) -> str:
     name = symbol(*axis.variable)
     named = {Family.DIRECTION: f"sign({name})", Family.ODD: f"{name} |{name}|", Family.EVEN: f"|{name}|"}
     return named.get(axis.family, name if axis.order == 1.0 else f"{name}^{axis.order:g}")
@@ -182,7 +182,7 @@ def _signed(value: float) -> str:
     return f"{'-' if value < 0.0 else '+'} {_number(abs(float(value)))}"
 
 
-def _depends(parts: Sequence[tuple[Component, Array]]) -> str:
+def _dependence(parts: Sequence[tuple[Component, Array]]) -> str:
     """The positions of joints 4 and 6 and the direction of motion of joint 5."""
     axes = [axis for component, _ in parts for axis in component.axes]
     speeds = {axis.variable for axis in axes if axis.family is not Family.DIRECTION}
@@ -226,7 +226,7 @@ def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int])
     """Whether a function changes its sign with a variable."""
     if all(axis.variable != variable for axis in component.axes):
         return False
-    grids = np.meshgrid(*(_around(axis, variable) for axis in component.axes), indexing="ij")
+    grids = np.meshgrid(*(_sample_values(axis, variable) for axis in component.axes), indexing="ij")
     values = []
     for sign in (1.0, -1.0):
         turned = [sign if axis.variable == variable else 1.0 for axis in component.axes]
@@ -236,7 +236,7 @@ def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int])
     return float(np.sum(even**2)) < TUNING.odd * float(np.sum(whole**2))
 
 
-def _around(axis: Axis, variable: tuple[Quantity, int]) -> Array:
+def _sample_values(axis: Axis, variable: tuple[Quantity, int]) -> Array:
     """Some values of a variable; of the one with changing sign only those seen with both signs."""
     low, high = (0.0, min(-axis.low, axis.high)) if axis.variable == variable else (axis.low, axis.high)
     return np.linspace(low, max(high, low), 9)[1:]

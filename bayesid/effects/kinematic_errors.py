@@ -61,18 +61,18 @@ class BaseTilt(RobotDistortion):
             yield cls(angle=(size * math.cos(turn), size * math.sin(turn)))
 
     def building(self, robot: Robot) -> Robot:
-        turned = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
+        turned = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _horizontal_axes(robot.gravity))
         return replace(robot, gravity=turned.as_matrix() @ robot.gravity)
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
         shift, columns = super().change(scene)
-        return shift, np.concatenate([columns, _first_link(scene)], axis=2)
+        return shift, np.concatenate([columns, _weight_of_link_1(scene)], axis=2)
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
         return self.moved(magnitude * np.array([np.cos(direction.angle), np.sin(direction.angle)]))
 
 
-def _first_link(scene: Scene) -> Array:
+def _weight_of_link_1(scene: Scene) -> Array:
     """(N, n, 2) sine and cosine of the first joint.
 
     If gravity is parallel to its axis, the weight of link 1 acts only with a tilt, so no earlier log determines it.
@@ -85,7 +85,7 @@ def _first_link(scene: Scene) -> Array:
     return columns
 
 
-def _across(gravity: Array) -> Array:
+def _horizontal_axes(gravity: Array) -> Array:
     """(2, 3) unit axes across gravity."""
     down = gravity / (float(np.linalg.norm(gravity)) or 1.0)
     first = np.eye(3)[np.argmin(np.abs(down))]

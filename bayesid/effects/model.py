@@ -196,28 +196,28 @@ class Model:
 
     def sparse_chunks(self, motion: Motion) -> Iterator[tuple[slice, SparseColumns]]:
         """The same with sparse columns; cached for one motion if they fit into memory."""
-        if self._remembered.motion() is motion:
-            yield from self._remembered.chunks
+        if self._cache.motion() is motion:
+            yield from self._cache.chunks
             return
         self.forget()
         chunks: list[tuple[slice, SparseColumns]] = []
-        free_bytes = TUNING.remembered
-        for rows, columns in self._made(motion):
+        free_bytes = TUNING.cached_bytes
+        for rows, columns in self._computed_chunks(motion):
             free_bytes -= columns.nbytes
             chunks = [*chunks, (rows, columns)] if free_bytes >= 0 else []
             yield rows, columns
         if chunks:
-            self._remembered.motion, self._remembered.chunks = ref(motion), chunks
+            self._cache.motion, self._cache.chunks = ref(motion), chunks
 
     def forget(self) -> None:
         """Clears the cache of columns."""
-        vars(self).pop("_remembered", None)
+        vars(self).pop("_cache", None)
 
     @cached_property
-    def _remembered(self) -> _Remembered:
-        return _Remembered()
+    def _cache(self) -> _Cache:
+        return _Cache()
 
-    def _made(self, motion: Motion) -> Iterator[tuple[slice, SparseColumns]]:
+    def _computed_chunks(self, motion: Motion) -> Iterator[tuple[slice, SparseColumns]]:
         chunks = [slice(start, min(start + TUNING.chunk, len(motion))) for start in range(0, len(motion), TUNING.chunk)]
         for k in range(0, len(chunks), TUNING.chunks_together):
             some = chunks[k : k + TUNING.chunks_together]
@@ -319,12 +319,12 @@ class Model:
         return tuple(slice(start, end) for start, end in pairwise(ends))
 
 
-class _Remembered:
+class _Cache:
     """Cache of the columns of one motion; pickles start empty."""
 
     def __init__(self) -> None:
         self.motion: Callable[[], Motion | None] = lambda: None
         self.chunks: list[tuple[slice, SparseColumns]] = []
 
-    def __reduce__(self) -> tuple[type[_Remembered], tuple[()]]:
-        return _Remembered, ()
+    def __reduce__(self) -> tuple[type[_Cache], tuple[()]]:
+        return _Cache, ()

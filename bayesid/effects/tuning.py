@@ -20,7 +20,7 @@ class Tuning:
     """Samples before a chunk for effects with a memory, 4 s at 1 kHz: presliding needs a few strokes."""
     look_ahead: int = 16
     """Samples after a chunk: the end effect of a cubic spline falls by 0.27 per sample, to 1e-9."""
-    remembered: int = 256_000_000
+    cached_bytes: int = 256_000_000
     """Bytes of cached columns of one motion, which is used about ten times: 150,000 samples of six joints and 84
     parameters."""
     chunks_together: int = 8

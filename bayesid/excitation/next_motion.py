@@ -364,7 +364,7 @@ def _unchecked(settings: MotionSettings, limits: MotionLimits, *, assumed: bool)
         problem = f"no collision model: {reason}"
         sentences.append(f"collisions: {problem} (--capsules R, or --robot with a URDF that has collision shapes)")
     else:
-        sentences += [f"distances of {sentence}" for sentence in clearance.not_watched]
+        sentences += [f"distances of {sentence}" for sentence in clearance.not_checked]
         if settings.payload:
             sentences.append(f"distances of {settings.payload}: its shape is unknown (--tool may enclose it)")
     return tuple(sentences)

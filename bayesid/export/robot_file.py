@@ -15,7 +15,7 @@ import tomli_w
 
 from bayesid.errors import InputError
 from bayesid.log.formats.labels import factor_of, split_brackets
-from bayesid.log.formats.text import Layout, look
+from bayesid.log.formats.text import Layout, layout_of
 from bayesid.robot import robot_from_table
 
 _ALPHA, _THETA, _MINUS = "\N{GREEK SMALL LETTER ALPHA}", "\N{GREEK SMALL LETTER THETA}", "\N{MINUS SIGN}"
@@ -96,7 +96,7 @@ def robot_file(table: str, name: str, convention: str, where: str) -> str:
     """
     lines = [line for line in re.sub(r" +(?=[\[(])", "", table).splitlines() if line.strip()]
     try:
-        layout = look("\n".join(lines).encode())
+        layout = layout_of("\n".join(lines).encode())
     except csv.Error:
         raise InputError("is not text", where, "give a table as text, CSV for example") from None
     columns = _columns(layout.header, where)

@@ -76,7 +76,7 @@ def corrections(text: str | None, n: int) -> tuple[Corrected, Corrected]:
         factor = (-1.0 if found["sign"] == "-" else 1.0) * float(found["factor"] or 1.0)
         zero = (-1.0 if found["shift"] == "-" else 1.0) * float(found["zero"] or 0.0)
         zero = math.radians(zero) if found["unit"] == "deg" else zero
-        if not (0.0 < abs(factor) < TUNING.absurd and math.isfinite(zero)):
+        if not (0.0 < abs(factor) < TUNING.largest_reading and math.isfinite(zero)):
             raise InputError(f"{entry.strip()!r:.60} has a zero or too large number", field="correct", remedy=_REMEDY)
         pairs = [(j, j) for j in range(n)]
         if found["joint"] is not None:

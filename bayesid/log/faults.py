@@ -224,7 +224,7 @@ def _jumps(t: Array, position: Array) -> Integers:
     middle = 0.5 * (TUNING.neighbours - 1)
     off = [runs.value - _ranked(runs.value, side, middle) for side in (_BEFORE, _BEFORE[::-1])]
     departs = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
-    least = np.maximum(_slight(position), TUNING.outlier_steps * _usual_step(runs.value))
+    least = np.maximum(_small_jump(position), TUNING.outlier_steps * _usual_step(runs.value))
     return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < TUNING.dropout))
 
 
@@ -235,7 +235,7 @@ def _excursions(t: Array, position: Array) -> Integers:
         return _NONE
     steps, usual = np.abs(np.diff(runs.value)), _usual_step(runs.value)
     usual, begin = np.maximum(usual[:-1], usual[1:]), t[runs.first[:-1]]
-    least = np.maximum(_slight(position), TUNING.outlier_steps * usual)
+    least = np.maximum(_small_jump(position), TUNING.outlier_steps * usual)
     jumps = np.flatnonzero((steps > least) & ~pauses(begin))
     away, last = np.zeros(len(runs.value), dtype=bool), -1
     for before, after in ((k, m) for n, k in enumerate(jumps) for m in jumps[n + 1 :][: TUNING.neighbours]):
@@ -261,7 +261,7 @@ def _usual_step(values: Array) -> Array:
     return ranked[TUNING.neighbours :][: len(values)]
 
 
-def _slight(position: Array) -> float:
+def _small_jump(position: Array) -> float:
     return TUNING.slight * float(np.ptp(np.percentile(position, [1, 99])))
 
 
@@ -279,7 +279,7 @@ def _stopped(t: Array, position: Array) -> Integers:
         if 0 < k < count - 1:
             sides = steps[max(0, k - 1 - TUNING.neighbours) : k - 1], steps[k + 1 : k + 1 + TUNING.neighbours]
             usual = max((float(np.median(side)) for side in sides if side.size), default=np.inf)
-            chosen[k] = steps[k] > max(TUNING.abrupt * usual, _slight(position))
+            chosen[k] = steps[k] > max(TUNING.abrupt * usual, _small_jump(position))
         else:
             moving = speed[: runs.first[k]] if k else speed[runs.first[1] - 1 :][::-1]
             least = max(fast, TUNING.abrupt * np.abs(np.diff(moving)).max())
@@ -297,13 +297,13 @@ def _dropouts(t: Array, effort: Array, speed: Array) -> dict[str, Integers]:
         seconds = moving[runs.first[k] : runs.first[k + 1]].mean() * runs.seconds[k]
         if seconds >= TUNING.dropout - 0.5 * period and np.ptp(inside) > TUNING.steady * inside.max():
             if runs.value[k] == 0.0:
-                zero[k] = _falls(runs.value, k)
+                zero[k] = _drops_to_zero(runs.value, k)
             else:
                 held[k] = len(runs.value) == 1 or effort.min() < runs.value[k] < effort.max()  # otherwise clipped
     return {"zero": runs.rows(zero), "held": runs.repeated(held) if len(runs.value) > 1 else runs.rows(held)}
 
 
-def _falls(values: Array, k: int) -> bool:
+def _drops_to_zero(values: Array, k: int) -> bool:
     """Whether readings fall abruptly to the zero of run k and rise as abruptly; a dead zone does not."""
     size = np.abs(values)
     if not size.any():

@@ -47,7 +47,7 @@ class Gains:
 
     def __post_init__(self) -> None:
         value, sd = np.array(self.value, dtype=float), np.array(self.sd, dtype=float)
-        if not np.all((np.abs(value) < TUNING.absurd) & (value != 0.0)):
+        if not np.all((np.abs(value) < TUNING.largest_reading) & (value != 0.0)):
             raise InputError(
                 "a gain is zero or not finite", field="gains", remedy="give one nonzero gain per joint, N m/A"
             )

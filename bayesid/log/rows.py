@@ -25,7 +25,7 @@ from bayesid.log.formats.table import (
     of_64_bits,
     rows_of,
 )
-from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, look, select_columns
+from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, layout_of, select_columns
 from bayesid.log.gains import Gains
 from bayesid.log.reading import angle_unit, gains_of_table, signed_joints
 from bayesid.log.tuning import TUNING
@@ -75,7 +75,7 @@ class RowReader:
         correct: str | None = None,
     ) -> None:
         CsvFile().check_options(options or Options(), source)
-        self._layout, self._lines = _look_at(_lines_of(stream, source), source)
+        self._layout, self._lines = _layout_of_stream(_lines_of(stream, source), source)
         self._columns, self.notes, _ = select_columns(self._layout, source, options or Options())
         self._source, self._degrees, self.bad = source, degrees, 0
         names = [column.name for column in self._columns]
@@ -162,7 +162,7 @@ class RowReader:
                 what = f"has negative efforts, which cannot hold {self._encoding.description}"
                 raise InputError(what, self._source, f"correct `encoding`, or give {MAGNITUDE}")
             values[places] = self._encoding.decoded(values[places])
-        if (np.abs(np.delete(values, self._clocks)) >= TUNING.absurd).any():
+        if (np.abs(np.delete(values, self._clocks)) >= TUNING.largest_reading).any():
             raise ValueError("numbers out of range")
         return values
 
@@ -198,7 +198,7 @@ def _lines_of(stream: Stream, source: str) -> Iterator[bytes]:
         yield line
 
 
-def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[bytes]]:
+def _layout_of_stream(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[bytes]]:
     """The layout of a stream's rows, from its header and units; and the lines read for it."""
     head: list[bytes] = []
     layout = Layout("utf-8")
@@ -206,7 +206,7 @@ def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[byte
         if head or line.strip():
             head.append(line)
         try:
-            layout = look(b"".join(head), whole=False)
+            layout = layout_of(b"".join(head), whole=False)
         except (UnicodeDecodeError, csv.Error):
             raise InputError("is not text", source, "give CSV, one row per line") from None
         if layout.encoding not in ("utf-8", "utf-8-sig", "cp1252"):  # the encodings whose line end is one byte

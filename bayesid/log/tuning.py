@@ -17,7 +17,7 @@ class Tuning:
     # What a table may hold
     fewest_rows: int = 50
     """Minimum rows, and distinct instants, of a log: 0.5 s at 100 Hz, too short to filter."""
-    absurd: float = 1e6
+    largest_reading: float = 1e6
     """Readings above this, in SI units, are refused: uninitialised memory gives up to 1e282."""
     longest_gap: float = 3600.0
     """s. A longer gap means two recordings, or a clock that was set."""

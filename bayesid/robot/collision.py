@@ -47,15 +47,15 @@ class CollisionModel:
     left_out: tuple[tuple[str, str], ...]
     inseparable: tuple[tuple[str, str], ...]
     _distances: PairDistances = field(repr=False)
-    _reach: Reach = field(repr=False)
+    _bounds: RateBounds = field(repr=False)
     _rates: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
     @property
-    def not_watched(self) -> tuple[str, ...]:
+    def not_checked(self) -> tuple[str, ...]:
         """Pairs that are not fully checked, with the reason, as sentences."""
         near = f"nearer than {self.margin:g} m"
         reasons = (
-            (self.left_out, f"{near} where the robot has been: their shapes are wider than the links"),
+            (self.left_out, f"{near} in the log: their shapes are wider than the links"),
             (self.inseparable, f"{near} in every pose"),
         )
         named = [(", ".join(" and ".join(pair) for pair in pairs), reason) for pairs, reason in reasons if pairs]
@@ -89,7 +89,7 @@ class CollisionModel:
         t = np.asarray(t, dtype=float)
         middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0
         most = half[:, None] * np.abs(speed)
-        change = most @ self._most_rates((np.abs(path(middle)) + most).max(axis=0, initial=0.0)).T
+        change = most @ self._highest_rates((np.abs(path(middle)) + most).max(axis=0, initial=0.0)).T
         while len(middle):
             distances = self._distances(path(middle))
             unsure = distances < self.margin + ACCURACY + change
@@ -101,12 +101,12 @@ class CollisionModel:
             change = np.repeat(change[undecided] / 2.0, 2, axis=0)
         return True
 
-    def _most_rates(self, travel: Array) -> Array:
+    def _highest_rates(self, travel: Array) -> Array:
         """(P, n) highest rate of each pair's distance, m per unit of each joint's motion."""
-        travel = np.where(self._reach.slides, 0.125 * np.ceil(travel / 0.125), 0.0)  # rounded up: few are computed
+        travel = np.where(self._bounds.slides, 0.125 * np.ceil(travel / 0.125), 0.0)  # rounded up: few are computed
         key = travel.tobytes()
         if key not in self._rates:
-            self._rates[key] = self._reach.rates(self._distances.pairs, travel)
+            self._rates[key] = self._bounds.rates(self._distances.pairs, travel)
         return self._rates[key]
 
 
@@ -164,7 +164,8 @@ def collision_model(
         return NoShapes(f"robot {robot.name} is not from a URDF: the shapes of its links are not known")
     else:
         shapes = urdf_shapes(robot.origin, robot.n_joints, folders)
-        source = f"collision shapes of {robot.origin.urdf.name} (convex hulls of meshes){_bare(robot, shapes)}"
+        bare = _links_without_shapes(robot, shapes)
+        source = f"collision shapes of {robot.origin.urdf.name} (convex hulls of meshes){bare}"
     if not shapes:
         return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
     size = float(np.linalg.norm(robot.gravity))
@@ -196,8 +197,8 @@ def _of_pairs(
     wide = [pair for pair, distance in zip(apart, nearest, strict=True) if distance < margin]
     if floor is not None:
         _check_floor(robot, floor, apart, nearest, margin)
-    reach = Reach(robot, up)
-    moves: Mask = np.any(reach.rates(apart, np.ones(robot.n_joints)), axis=1)
+    bounds = RateBounds(robot, up)
+    moves: Mask = np.any(bounds.rates(apart, np.ones(robot.n_joints)), axis=1)
     kept = [pair for pair, can_move in zip(apart, moves, strict=True) if can_move and pair not in wide]
     if not kept and (wide or together):
         near = f"all distances are less than {margin:g} m, in every pose or in the log"
@@ -205,7 +206,7 @@ def _of_pairs(
     if not kept:
         return NoShapes("the robot has no pair of links, or of a link and the floor, with a variable distance")
     distances = PairDistances(robot, kept)
-    return CollisionModel(source, margin, _named(kept), _named(wide), _named(together), distances, reach)
+    return CollisionModel(source, margin, _named(kept), _named(wide), _named(together), distances, bounds)
 
 
 def _never_apart(robot: Robot, pairs: Sequence[Pair], margin: float) -> list[Pair]:
@@ -227,7 +228,7 @@ def _check_floor(robot: Robot, height: float, pairs: Sequence[Pair], nearest: Ar
     lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
     lower = np.floor(100.0 * (height + distance - margin)) / 100.0
     side = "below" if distance < 0.0 else "above"
-    what = f"{pairs[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
+    what = f"{pairs[lowest][0].name} is {abs(distance):.3f} m {side} the floor in the log"
     remedy = f"give the floor's height above the base's origin, {lower:g} or less, or none, or narrower capsules"
     raise InputError(what, f"{height:g}", remedy, field="floor")
 
@@ -241,7 +242,7 @@ def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:
     return tuple(dict.fromkeys((first.name, second.name) for first, second in pairs))
 
 
-def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
+def _links_without_shapes(robot: Robot, shapes: Sequence[Shape]) -> str:
     bodies = {shape.body for shape in shapes}
     bare = [joint.name for k, joint in enumerate(robot.joints) if k not in bodies]
     more = f" and {len(bare) - 4} more" if len(bare) > 4 else ""
@@ -277,7 +278,7 @@ class PairDistances:
         return found
 
 
-class Reach:
+class RateBounds:
     """Bounds of the rates of distances; `up` (3,) is the unit normal of the floor in the base's frame."""
 
     def __init__(self, robot: Robot, up: Array) -> None:
@@ -286,9 +287,9 @@ class Reach:
         self._robot, self._at_zero = robot, np.concatenate([frames, np.eye(4)[None]])
         self._origins = frames[:, :3, 3]
         self._axes = np.array([frame[:3, :3] @ joint.axis for frame, joint in zip(frames, robot.joints, strict=True)])
-        self._raised = self._raising(up)
+        self._vertical = self._vertical_share(up)
 
-    def _raising(self, up: Array) -> Array:
+    def _vertical_share(self, up: Array) -> Array:
         """(n,) highest share of a joint's motion along the floor's normal.
 
         It is below 1 if no pose tilts the joint's axis: all joints before it slide, or turn about the normal.
@@ -308,17 +309,17 @@ class Reach:
         rate = np.zeros(len(travel))
         up, down = (self._robot.to_base(shape.body) for shape in (first, second))
         path = [k for k in up if k not in down] + [k for k in down[::-1] if k not in up]
-        rate[path] = self._reaches(first, path, travel)
+        rate[path] = self._distances_to_axes(first, path, travel)
         if second.floor:
-            rate *= self._raised
+            rate *= self._vertical
         else:
-            rate[path] = np.minimum(rate[path], self._reaches(second, path[::-1], travel)[::-1])
+            rate[path] = np.minimum(rate[path], self._distances_to_axes(second, path[::-1], travel)[::-1])
         for shape in (first, second):
             if shape.rod:
                 rate[shape.body] = 1.0
         return rate
 
-    def _reaches(self, shape: Shape, path: Sequence[int], travel: Array) -> Array:
+    def _distances_to_axes(self, shape: Shape, path: Sequence[int], travel: Array) -> Array:
         """Largest distance of a shape from the axes of the joints on a path, m; 1 for a prismatic joint."""
         frame, reaches, so_far = self._at_zero[shape.body], [], travel[shape.body] if shape.rod else 0.0
         points = shape.corners @ frame[:3, :3].T + frame[:3, 3]

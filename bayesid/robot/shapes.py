@@ -148,7 +148,7 @@ def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = (
     held, _ = hold_joints(tree, origin.tip, origin.hold, where)
     joints, places = place_links(tree, held)
     if len(joints) != n_joints:
-        raise InputError("has other joints than when the robot was loaded", where, "load the robot again")
+        raise InputError("its joints have changed since the robot was loaded", where, "load the robot again")
     shapes = []
     for link in xml_of(text, where).findall("link"):
         name = link.get("name", "")

@@ -118,8 +118,8 @@ def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch, fitting)
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
     model = Model(robot, make_terms(STANDARD, robot, motions[0]))
     whole = [model.columns(motion) for motion in motions]
-    remembered = int(fitting * SparseColumns.of(whole[0][:13]).nbytes)
-    monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=13, remembered=remembered))
+    cached_bytes = int(fitting * SparseColumns.of(whole[0][:13]).nbytes)
+    monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=13, cached_bytes=cached_bytes))
     for which in (0, 0, 1, 0):
         next(model.sparse_chunks(motions[which]))  # somebody who asks for a part leaves it to the others
         chunks = list(model.chunks(motions[which]))

@@ -198,7 +198,7 @@ def test_what_is_no_term_or_does_not_suit_is_refused(arm, log, kinds):
         (broken(unit_efforts=lambda self, actuators: actuators.dq[:, 0]), "does not suit the robot"),
         (broken(unit_efforts=lambda self, actuators: np.nan * actuators.dq), "columns are not finite"),
         (broken(columns=columns_of((2, 3))), r"columns are \(8, 2, 3\), expected \(8, 2, 2\)"),
-        (broken(cone=lambda self, robot: Cone.free(5)), "cone is of 5 parameters, it has 2"),
+        (broken(cone=lambda self, robot: Cone.free(5)), "cone has 5 parameters, expected 2"),
         (broken(coefficients=(Coefficient("m", "N m"),)), "two terms have a parameter m1"),
         (kinds[0], r"give a term: FanDrag\(\)"),
         (3, "neither the name of a term nor a term"),

@@ -26,7 +26,7 @@ RUN = MotionSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0
 class Table:
     """The second joint must stay below a height."""
 
-    source, margin, not_watched = "a table", 0.05, ("hand and table (held)",)
+    source, margin, not_checked = "a table", 0.05, ("hand and table (held)",)
 
     def __init__(self, height):
         self.height = height

@@ -119,9 +119,9 @@ def decode(table: Table, stated: str | None = None) -> Table:
             raise InputError("holds negative efforts already", table.source, "leave `encoding` out")
         return table
     if chosen is not None and chosen.kind == MAGNITUDE:
-        seen = _hidden(values).seen
+        seen = _detect_code(values).seen
         return replace(table, repairs=(*table.repairs, f"{table.source}: {TAKEN} {seen}; {DOUBT}")) if seen else table
-    directions = [given[f"{DIRECTION}{name.removeprefix(kind_part(name))}"] for name in efforts if _has(given, name)]
+    directions = [column for name in efforts if (column := _direction_of(given, name)) is not None]
     if directions and (chosen is None or chosen.kind == "direction"):
         chosen, signed = _by_direction(table, values, np.column_stack([column.values for column in directions]), chosen)
     elif chosen is not None and chosen.kind == "direction":
@@ -131,7 +131,7 @@ def decode(table: Table, stated: str | None = None) -> Table:
         signed = chosen.decoded(values)
         _check_stated(chosen, values, signed, table.source)
     else:
-        hidden = _hidden(values)
+        hidden = _detect_code(values)
         if hidden.encoding is None and hidden.seen:
             raise InputError(hidden.seen, table.source, f"state the code with `encoding`, as in {hidden.codes}")
         chosen, signed = hidden.encoding, hidden.signed
@@ -154,8 +154,8 @@ def _of_64_bits(table: Table, label: str, stated: Encoding | None) -> Table:
     return replace(table, repairs=(*table.repairs, _decoded(table, label, held))) if stated is None else table
 
 
-def _has(given: Mapping[str, Column], name: str) -> bool:
-    return f"{DIRECTION}{name.removeprefix(kind_part(name))}" in given
+def _direction_of(given: Mapping[str, Column], name: str) -> Column | None:
+    return given.get(f"{DIRECTION}{name.removeprefix(kind_part(name))}")
 
 
 def _check_stated(encoding: Encoding, values: Array, signed: Array, source: str) -> None:
@@ -164,12 +164,12 @@ def _check_stated(encoding: Encoding, values: Array, signed: Array, source: str)
     if not (signed < 0.0).any() or not (signed > 0.0).any():
         side = "below" if not (signed < 0.0).any() else "above"
         raise InputError(f"{what}: none is {side} zero", source, "correct `encoding`, or leave it out")
-    if encoding.kind != "offset" and (jumps := _joined_jumps(encoding, values)) > 1.0 and np.isfinite(jumps):
+    if encoding.kind != "offset" and (jumps := _jump_ratio(encoding, values)) > 1.0 and np.isfinite(jumps):
         raise InputError(f"{what}: decoding makes them discontinuous", source, "correct `encoding`")
 
 
 # ---- A code in the reading ----
-class _Hidden(NamedTuple):
+class _CodeEvidence(NamedTuple):
     """Evidence of a sign code in readings.
 
     The code if it is certain, and the decoded readings (N, n); a description of the evidence, and the possible codes as
@@ -182,25 +182,25 @@ class _Hidden(NamedTuple):
     codes: str = CODES
 
 
-def _hidden(values: Array) -> _Hidden:
+def _detect_code(values: Array) -> _CodeEvidence:
     """Evidence in readings (N, n), none of them negative."""
-    steps = np.array([_count(column) for column in values.T])
+    steps = np.array([_count_size(column) for column in values.T])
     counts = values / np.where(steps > 0.0, steps, 1.0)
     if steps.all():
         top = float(counts.max())
         bits = max(1, int(np.floor(np.log2(max(top, 1.0)))) + 1)
         candidates = [Encoding("twos", bits), Encoding("sign-bit", bits - 1)] if bits >= TUNING.code_bits else []
-        jumps = [_joined_jumps(encoding, counts) for encoding in candidates]
+        jumps = [_jump_ratio(encoding, counts) for encoding in candidates]
         sure = [encoding for encoding, jump in zip(candidates, jumps, strict=True) if jump <= TUNING.code_joins]
         if len(sure) == 1:
-            return _Hidden(sure[0], sure[0].decoded(counts) * steps, f"readings look like {sure[0].description}")
+            return _CodeEvidence(sure[0], sure[0].decoded(counts) * steps, f"readings look like {sure[0].description}")
     if (banded := _two_bands(values)) is not None:
         joint, (least, low, high, most) = banded
         seen = f"readings of joint {joint + 1} lie in two bands, {least:.6g} to {low:.6g} and {high:.6g} to {most:.6g}"
-        return _Hidden(None, values, seen, _codes_of_bands(low, high, most))
-    if np.all(steps == 1.0) and (zero := _middle(counts)) is not None:
-        return _Hidden(Encoding("offset", zero), counts - zero, f"readings lie about {zero:g}, never near zero")
-    return _Hidden(None, values)
+        return _CodeEvidence(None, values, seen, _codes_of_bands(low, high, most))
+    if np.all(steps == 1.0) and (zero := _offset_zero(counts)) is not None:
+        return _CodeEvidence(Encoding("offset", zero), counts - zero, f"readings lie about {zero:g}, never near zero")
+    return _CodeEvidence(None, values)
 
 
 def _codes_of_bands(low: float, high: float, most: float) -> str:
@@ -210,7 +210,7 @@ def _codes_of_bands(low: float, high: float, most: float) -> str:
     return f"twos:{bits} or sign-bit:{bits - 1}" if TUNING.code_bits <= bits <= 52 and low < half <= high else CODES
 
 
-def _count(column: Array) -> float:
+def _count_size(column: Array) -> float:
     """Size of a count: 1 for integers, 0 if readings are not multiples of one."""
     if np.array_equal(column, np.rint(column)):
         return 1.0
@@ -223,7 +223,7 @@ def _count(column: Array) -> float:
     return step if np.abs(distinct / step - np.rint(distinct / step)).max() < TUNING.count_rounding else 0.0
 
 
-def _joined_jumps(encoding: Encoding, counts: Array) -> float:
+def _jump_ratio(encoding: Encoding, counts: Array) -> float:
     """Steps between both halves of the scale when decoded, over the same steps as recorded.
 
     The ninth decile; infinite if only one half is used.
@@ -251,7 +251,7 @@ def _two_bands(values: Array) -> tuple[int, tuple[float, float, float, float]] |
     return None
 
 
-def _middle(counts: Array) -> float | None:
+def _offset_zero(counts: Array) -> float | None:
     """The power of two around which the integers of most joints lie, if none comes near zero."""
     moving = np.ptp(counts, axis=0) > 0.0
     inner = counts[:, moving]
@@ -295,7 +295,7 @@ def _by_direction(
         what = f"direction columns hold {', '.join(f'{kind:g}' for kind in kinds[:5])}"
         raise InputError(what, table.source, "write them as -1 and 1")
     if stated is None:
-        work = _work(table, np.where(direction == kinds[1], -values, values))
+        work = _mean_work(table, np.where(direction == kinds[1], -values, values))
         if work is None or abs(work) < TUNING.least_work:
             remedy = f"give `encoding` direction:{kinds[1]:g} ({kinds[1]:g} is negative) or direction:{kinds[0]:g}"
             what = f"direction columns hold {kinds[0]:g} and {kinds[1]:g}; it is not clear which is negative"
@@ -307,7 +307,7 @@ def _by_direction(
     return stated, stated.directed(values, direction)
 
 
-def _work(table: Table, effort: Array) -> float | None:
+def _mean_work(table: Table, effort: Array) -> float | None:
     """Mean correlation of efforts (N, n) with velocities; positive because drives lose work to friction.
 
     None without positions, or if the total work has the other sign.

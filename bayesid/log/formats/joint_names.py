@@ -43,13 +43,13 @@ class ByName(NamedTuple):
 
 def shared_names(joints: Sequence[str], present: Sequence[str]) -> tuple[str, ...]:
     """The present names that match all joints, each perhaps with a prefix; empty if one is missing."""
-    found = [_alike(name, present) for name in joints]
+    found = [_matching_name(name, present) for name in joints]
     return tuple(map(str, found)) if None not in found and len(set(found)) == len(found) else ()
 
 
 def names_of_robot(robot_joints: Sequence[str], present: Sequence[str], where: str) -> tuple[str, ...]:
     """The same for a robot's joints; InputError if only some are present."""
-    found, chosen = {name: _alike(name, present) for name in robot_joints}, shared_names(robot_joints, present)
+    found, chosen = {name: _matching_name(name, present) for name in robot_joints}, shared_names(robot_joints, present)
     if chosen or not any(found.values()):
         return chosen
     missing = [name for name, match in found.items() if match is None]
@@ -64,7 +64,7 @@ def names_of_robot(robot_joints: Sequence[str], present: Sequence[str], where: s
     raise InputError(what, where, remedy)
 
 
-def _alike(name: str, present: Sequence[str]) -> str | None:
+def _matching_name(name: str, present: Sequence[str]) -> str | None:
     """The only name that is equal or has this ending."""
     found = [candidate for candidate in present if candidate == name] or [
         candidate for candidate in present if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", candidate)

@@ -209,7 +209,7 @@ def _families(
     taken = {source.place for source in stated.values()}
     readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in closed]
     by_kind = {kind: _plain_family(readings, kind, where) for kind in WORDS}
-    by_kind |= {kind: by_kind[kind] or _others_beside(readings, kind, joints) for kind, joints in named.items()}
+    by_kind |= {kind: by_kind[kind] or _other_joints(readings, kind, joints) for kind, joints in named.items()}
     first, second = ("i", "tau") if options.currents else ("tau", "i")
     effort = next((kind for kind in (first, second) if by_kind[kind] or kind in named), None)
     known = {*closed, *named, *(kind for kind in WORDS if by_kind[kind])}
@@ -258,7 +258,7 @@ def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: st
     return family
 
 
-def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> _Family:
+def _other_joints(readings: Sequence[Reading], kind: str, joints: Set[int]) -> _Family:
     """Columns of a kind with one other word, beside those of named joints; empty if ambiguous.
 
     Single named joints 1, 2, .. may be all joints. Without the first joint's column it is open whether the others count

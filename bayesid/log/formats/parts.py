@@ -80,13 +80,13 @@ def _check_names(parts: Sequence[Table], stated: Mapping[str, str], source: str,
                 what = f"{name} is in {owners[name]} and in {part.source}"
                 raise InputError(what, source, f"remove one of them, or choose one with {OPTION}")
             owners[name] = part.source
-    there = {*owners, *map(kind_part, owners), "t"}
+    present = {*owners, *map(kind_part, owners), "t"}
     for key, pattern in stated.items():
-        if key not in there:
+        if key not in present:
             what = f"no part has a column {pattern}"
             raise InputError(what, source, f"give {OPTION} an existing name")
     for kinds, what in ((("q",), "positions q1.."), (() if motion else EFFORTS, "efforts tau1.. or i1..")):
-        if kinds and not there & set(kinds):
+        if kinds and not present & set(kinds):
             raise InputError(f"no part holds {what}", source, f"add the file with them, or name them with {OPTION}")
 
 

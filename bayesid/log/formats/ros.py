@@ -69,14 +69,13 @@ class RosBag(Format):
         topics = _topics(path)
         topic = _choose_topic(topics, options.topic, str(path))
         where = f"{path}, topic {topic}"
-        there = list(dict.fromkeys(name for message in topics[topic] for name in message.names))
-        shared = names_of_robot(options.robot_joints, there, where) if options.joints is None else ()
+        names_in_bag = list(dict.fromkeys(name for message in topics[topic] for name in message.names))
+        shared = names_of_robot(options.robot_joints, names_in_bag, where) if options.joints is None else ()
         names = _names(topics[topic], shared or options.joints, where)
         messages = [message for message in topics[topic] if set(names) <= set(message.names)]
         if not messages:
-            known = dict.fromkeys(name for message in topics[topic] for name in message.names)
             what = f"no message holds all of the joints {', '.join(names)}"
-            raise InputError(what, where, f"give `joints` from {', '.join(known)}")
+            raise InputError(what, where, f"give `joints` from {', '.join(names_in_bag)}")
         stamped = any(message.stamp for message in messages)  # any: a simulation's clock begins at zero
         times = seconds([message.stamp if stamped else message.received for message in messages])
         columns = {"t": Column("t", times, 1.0)}

@@ -234,13 +234,13 @@ class Convention:
         self, header: Sequence[str], given: Mapping[str, str], *, currents: bool, motion: bool
     ) -> dict[str, str]:
         """The patterns that occur in a header, overridden by those of the user; no efforts for a motion."""
-        there = {kind: pattern for kind, pattern in _pairs(self.columns) if fits(kind, pattern, header)}
+        present = {kind: pattern for kind, pattern in _pairs(self.columns) if fits(kind, pattern, header)}
         leave = {kind_part(key) for key in given}
         if leave & set(EFFORTS):
             leave |= set(EFFORTS)
-        if there.keys() >= set(EFFORTS):
+        if present.keys() >= set(EFFORTS):
             leave.add("tau" if currents else "i")
-        columns = {**{kind: pattern for kind, pattern in there.items() if kind not in leave}, **given}
+        columns = {**{kind: pattern for kind, pattern in present.items() if kind not in leave}, **given}
         return {key: pattern for key, pattern in columns.items() if not motion or kind_part(key) not in EFFORTS}
 
 

@@ -70,7 +70,7 @@ class SourceColumn:
 
 
 class ReadingNote(UserWarning):
-    """How a log was read, where nothing is in doubt."""
+    """How a log was read, without doubt."""
 
 
 class Chosen(NamedTuple):
@@ -204,7 +204,7 @@ def _check_resolution(table: Table) -> None:
 def _check_numbers(table: Table) -> None:
     wrong: list[tuple[int, int, Column]] = []
     for name, column in table.columns.items():
-        rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else TUNING.absurd)))
+        rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else TUNING.largest_reading)))
         wrong += [(int(rows[0]), len(wrong), column)] if rows.size else []
     if wrong:
         row, _, column = min(wrong, key=lambda item: item[:2])

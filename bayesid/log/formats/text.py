@@ -96,7 +96,7 @@ class CsvFile(Format):
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
         try:
-            layout = look(path)
+            layout = layout_of(path)
             selected = select_columns(layout, str(path), options)
             places = [] if selected.joints else name_places(layout.header, selected.columns)
             if options.joints is not None and not selected.joints and not places:
@@ -108,7 +108,7 @@ class CsvFile(Format):
                 remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
                 raise InputError("is text in an unknown encoding", str(path), remedy) from None
             raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
-        wide = _widened(path, layout, selected.columns, values)
+        wide = _decode_64_bits(path, layout, selected.columns, values)
         columns = {used.name: Column(used.label, values[:, used.place], used.unit) for used in selected.columns}
         if set(_SIGNED_LOG) <= set(layout.header) and layout.header[-1] == _SIGNED_LOG[-1]:
             logs = [layout.cells(line)[-1] for _, line in _rows(path, layout)]
@@ -166,7 +166,7 @@ class Layout:
         return line.replace(",", ".")
 
 
-def look(source: Path | bytes, whole: bool = True) -> Layout:
+def layout_of(source: Path | bytes, whole: bool = True) -> Layout:
     """The layout of a table; UnicodeDecodeError or csv.Error if it is not text.
 
     The beginning of a file determines it, except for the encoding, which needs the whole file. Bytes may be the first
@@ -185,8 +185,8 @@ def look(source: Path | bytes, whole: bool = True) -> Layout:
         raise csv.Error("no text")
     quoted = _are_quoted(lines)
     lines = [_unquoted(line) for line in lines] if quoted else lines
-    row = next((k for k in range(min(len(lines), TUNING.header_lines)) if _is_header(*_two(lines, k))), 0)
-    line, beneath = _two(lines, row)
+    row = next((k for k in range(min(len(lines), TUNING.header_lines)) if _is_header(*_line_and_next(lines, k))), 0)
+    line, beneath = _line_and_next(lines, row)
     separator = _separator(line, beneath)
     header, values, rows = _names(line, separator), _split(beneath, separator), row + 1
     if _are_units(values, header):
@@ -195,7 +195,7 @@ def look(source: Path | bytes, whole: bool = True) -> Layout:
             f"{name} [{_bare_unit(unit)}]" if unit and name and split_brackets(name).unit is None else name
             for name, unit in zip(header, values, strict=True)
         ]
-        values = _split(_two(lines, rows - 1)[1], separator)
+        values = _split(_line_and_next(lines, rows - 1)[1], separator)
     if len(values) == len(header) + 1 and not values[-1]:  # every row but the header ends with a separator
         header = [*header, ""]
     comma = separator != "," or any('"' in line for line in lines[row + 1 :])
@@ -273,7 +273,7 @@ def _unquoted(line: str) -> str:
     return line.strip().removeprefix('"').removesuffix('"').replace('""', '"') + "\n"
 
 
-def _two(lines: Sequence[str], row: int) -> tuple[str, str]:
+def _line_and_next(lines: Sequence[str], row: int) -> tuple[str, str]:
     """A line, counted from 0, and the next one that is not blank; empty after the last."""
     return "".join(lines[row : row + 1]), next((line for line in lines[row + 1 :] if line.strip()), "")
 
@@ -350,7 +350,7 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
     return values
 
 
-def _widened(path: Path, layout: Layout, used: Sequence[SourceColumn], values: Array) -> bool:
+def _decode_64_bits(path: Path, layout: Layout, used: Sequence[SourceColumn], values: Array) -> bool:
     """Whether efforts are unsigned 64-bit integers with a two's complement; replaces them in `values`."""
     places = [column.place for column in used if kind_part(column.name) in EFFORTS]
     places = [place for place in places if (values[:, place] >= WIDE).any()]

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.parallel import ALONE
+from bayesid.parallel import SETTINGS_LOCK
 from bayesid.report.plot.figure import INK, WIDTH, Band, Boxes, Dots, Figure, Line, Mark, Panel, Strokes, Words, corners
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def svg_of(ax: Axes, alt: str) -> str:
     from matplotlib import rc_context
 
     text = io.StringIO()
-    with ALONE, rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
+    with SETTINGS_LOCK, rc_context({"svg.fonttype": "none", "svg.hashsalt": "bayesid"}):
         figure: Any = ax.figure
         figure.savefig(text, format="svg", metadata={"Date": None})
     element = re.sub(r"<metadata>.*?</metadata>", "", text.getvalue(), flags=re.DOTALL)
