@@ -41,11 +41,9 @@ class Belief:
 
 
 def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
-    """(pairs,) expected log Bayes factors, nats, of the true hypothesis against the best form of the alternative.
+    """(pairs,) expected log Bayes factors, nats, of the true belief against the best of the alternative's.
 
-    Args:
-        pairs: true belief, and those of the alternative; beliefs of the same columns have the same inverse covariance.
-        information: (R, R) of the next recording, on all columns.
+    Beliefs of the same columns must have the same inverse covariance. `information` is (R, R), on all columns.
     """
     after: dict[bytes, tuple[Array, float]] = {}
     gradients: dict[int, Array] = {}

@@ -163,17 +163,10 @@ def make_competing(
     reference: Motion,
     changed: Changes | None = None,
 ) -> CompetingEffects:
-    """A class of competing hypotheses, from a result.
+    """A class of two or more competing hypotheses, from a result.
 
-    Args:
-        posterior: of the result.
-        keys: effects and joints (from 1), two or more.
-        earlier: motion of the result's log, evenly thinned to N samples; None if not given.
-        reference: motion on which forms are made if the earlier one is not given.
-        changed: hypotheses that change a term of the model.
-
-    Raises:
-        InputError: an effect is not in the catalogue, or has no form in these joints.
+    `earlier` is the motion of the result's log. Without it, forms are made on the `reference` motion. `changed` holds
+    the hypotheses that change a term of the model. InputError if an effect has no form in its joints.
     """
     if len(set(keys)) < 2:
         remedy = "as in stribeck_friction:3,thermal_drift:3"
@@ -202,7 +195,6 @@ def _competing(
     steps: Mapping[EffectKey, Array],
     motion: Motion,
 ) -> tuple[CompetingModel, ...]:
-    """All forms of each hypothesis on a motion."""
     effort = bare.columns(motion) @ bare.mean
     scene = bare.model.scene(motion, bare.theta, effort, np.abs(effort))
     actuators = bare.model.robot.actuators(motion)

@@ -65,10 +65,7 @@ class GaussianPosterior:
 
     @property
     def undelayed(self) -> GaussianPosterior:
-        """The same without the delay of logged efforts.
-
-        A delay does not change the information of a motion from rest to rest, but makes rows depend on earlier samples.
-        """
+        """The same without the delay of logged efforts, which does not change the information but needs memory."""
         return replace(self, model=self.model.undelayed)
 
     def columns(self, motion: Motion) -> Array:

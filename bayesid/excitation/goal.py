@@ -62,16 +62,9 @@ def undetermined_coefficients(posterior: GaussianPosterior) -> list[int]:
 
 
 def goal_of(posterior: GaussianPosterior, about: Sequence[str] = (), payload: str = "") -> Goal:
-    """The goal for some names.
+    """The goal for names as in `bayesid.design_excitation`, with a payload on the flange.
 
-    Args:
-        posterior: of the result.
-        about: names of coefficients, parameters, effects, or `gains`, `payload`, `signs`; by default all undetermined
-            coefficients.
-        payload: label of the payload on the flange.
-
-    Raises:
-        InputError: a name is unknown, or none of the quantities is identifiable.
+    InputError if a name is unknown, or none of the quantities is identifiable.
     """
     parts = [_named(posterior, name, payload) for name in about]
     if not about:

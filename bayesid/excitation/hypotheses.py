@@ -50,11 +50,9 @@ def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
 
 
 def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]]) -> Classes:
-    """Classes of hypotheses that a log could not distinguish.
+    """Classes of hypotheses that a log could not distinguish, from effects, their joints and equivalent effects.
 
-    Args:
-        found: name and joints of each effect, and its equivalent effects with their joints. None for joints means the
-            same joints, or the whole robot for effects that act on it.
+    None for the joints of an equivalent means the same joints, or the whole robot for effects that act on it.
     """
     whole = {name for name, kind in main_forms().items() if kind.acts_on == "robot"}
 
@@ -69,11 +67,7 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, 
 
 
 def parse_key(text: str) -> EffectKey:
-    """An effect and its joints, as in `stribeck_friction:3`.
-
-    Raises:
-        InputError: the effect is not in the catalogue, or a joint is not a whole number.
-    """
+    """An effect and its joints, from a name as `stribeck_friction:3`."""
     effect, *joints = text.strip().split(":")
     if effect not in {kind.name.split(".")[0] for kind in catalogue.forms().values()}:
         raise InputError(f"{effect!r} is not an effect of the catalogue", field="between", remedy=EXAMPLE)

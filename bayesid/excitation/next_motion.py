@@ -123,7 +123,7 @@ class NextExperiment:
     @property
     def clearance(self) -> CollisionModel | None:
         """The collision model; None if there is none."""
-        return shapes_of(self.settings)
+        return self.feasibility.clearance
 
     @property
     def checked(self) -> tuple[str, ...]:
@@ -159,7 +159,8 @@ def design_next(
     posterior = delayed.undelayed
     _check(posterior, settings, criterion)
     unlimited, (limits, settings) = settings.limits is None, _complete_settings(settings, posterior, recorded)
-    feasibility = Feasibility.of(posterior, limits, shapes_of(settings))
+    shapes = None if isinstance(settings.clearance, NoShapes) else settings.clearance
+    feasibility = Feasibility.of(posterior, limits, shapes)
     still = at_rest(SplineBasis(settings.duration), np.array(settings.start), settings.payload)
     _check_start(feasibility, still)
     labelled = partial(replace, payload=np.array(settings.payload))
@@ -213,7 +214,6 @@ def _inputs_of(
     between: Sequence[str] | Hypotheses,
     about: Sequence[str],
 ) -> tuple[IdentifiedModel, Motion | None, Hypotheses]:
-    """The identified model, the motion of its log, and the hypotheses."""
     named = between if isinstance(between, Hypotheses) else hypotheses_of(between)
     if named.classes and about:
         raise InputError("cannot be combined with `about`", field="between", remedy="leave one of them out")
@@ -287,11 +287,6 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         raise InputError(problem, field="start", remedy="give another pose, or a smaller `margin`")
 
 
-def shapes_of(settings: MotionSettings) -> CollisionModel | None:
-    """The collision model; None if there is none."""
-    return None if isinstance(settings.clearance, NoShapes) else settings.clearance
-
-
 def _search_of(
     posterior: GaussianPosterior,
     criterion: str,
@@ -300,7 +295,6 @@ def _search_of(
     feasibility: Feasibility,
     still: SplineTrajectory,
 ) -> MotionSearch:
-    """Search with the objective of a goal, or of hypotheses."""
     fixed = feasibility, still.basis, still.control[0], still.payload
     if goal is not None:
 
@@ -358,11 +352,11 @@ def _unchecked(settings: MotionSettings, limits: MotionLimits, *, assumed: bool)
         sentences.append(f"efforts of joints {joints}: no limits are known (--limits with `effort`)")
     if limits.jerk is None:
         sentences.append("jerks: no limits are known (--limits with `jerk`)")
-    clearance = shapes_of(settings)
-    if clearance is None:
-        reason = settings.clearance.reason if isinstance(settings.clearance, NoShapes) else "no shapes are known"
-        problem = f"no collision model: {reason}"
-        sentences.append(f"collisions: {problem} (--capsules R, or --robot with a URDF that has collision shapes)")
+    clearance = settings.clearance
+    if clearance is None or isinstance(clearance, NoShapes):
+        reason = "no shapes are known" if clearance is None else clearance.reason
+        remedy = "--capsules R, or --robot with a URDF that has collision shapes"
+        sentences.append(f"collisions: no collision model: {reason} ({remedy})")
     else:
         sentences += [f"distances of {sentence}" for sentence in clearance.not_checked]
         if settings.payload:
@@ -371,7 +365,6 @@ def _unchecked(settings: MotionSettings, limits: MotionLimits, *, assumed: bool)
 
 
 def _keeps_effort_limits_at(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
-    """Whether efforts are within their limits at a share of the speed."""
     motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
     largest = largest_efforts(*feasibility.effort_band(motion)) if feasibility.has_effort_limits else -np.inf
     return bool(np.all(largest <= feasibility.effort))

@@ -1,29 +1,21 @@
-"""How well a motion determines signs and coefficients, for random plausible robots.
+"""How well a motion determines signs and coefficients, for random plausible robots (docs/excitation.md).
 
-For signs: the increase of the squared error if some signs are flipped. With the efforts of all joints in units of their
-noise, tau = Y beta, cut into segments of constant sign, the best fit with the signs of a set F flipped leaves, with
-tau_F = tau on F and zero elsewhere and P = Y (Y'Y)^-1 Y',
+With the efforts of all joints in units of their noise, tau = Y beta, cut into segments of constant sign, the best fit
+with the signs of a set F flipped leaves, with tau_F = tau on F and zero elsewhere and P = Y (Y'Y)^-1 Y',
 
     R_F = 4 |(1 - P) tau_F|^2                                                                                (1)
         = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                          (2)
 
 R_F is the *resolvability* of F (:eq:`resolvability`), twice the logarithm of the odds against the flipped signs. (2)
-needs only the normal equations, and those of joined segments add.
-
-- Noise of unit variance gives the difference of the costs, to first order, the standard deviation 2 sqrt(R_F). So
-  flipped signs fit better with a probability of about Phi(-sqrt(R_F) / 2).
-- The cone can only increase the cost: the true parameters lie inside it, so (1) is a lower bound.
-- The complement of F has the same R_F. R_F is near zero if tau_F = Y beta' for some beta': the effort of a joint that
-  consists of its own friction, rotor inertia and offset can be flipped as a whole; only the cone excludes it.
-  Coefficients of rigid bodies that act on several joints exclude it without the cone.
+needs only the normal equations, and those of joined segments add. Flipped signs fit better with a probability of about
+Phi(-sqrt(R_F) / 2), as noise of unit variance changes the difference of the costs by 2 sqrt(R_F) (sd, to first order).
 
 The *noise tolerance* nu (:eq:`noise-tolerance`) is the noise, relative to each joint's RMS effort, at which a tenth of
 the energy (of the squared efforts) is expected to have the wrong sign, if only single segments and groups of joints can
-be flipped:
+be flipped, with w_F the share of the energy in F or in its complement, whichever is less:
 
-    sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
+    sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2.                                     (3)
 
-w_F the share of the energy in F or in its complement, whichever is less. It ranks motions; it does not predict errors.
 At most `TUNING.independent_rate` samples per second count as independent, as residuals are correlated.
 """
 
@@ -227,12 +219,9 @@ class PlausibleRobots:
         return self.model.columns(motion)[:, :, self.coefficients.selected]
 
     def sigma(self, grams: Array, samples: int | Integers, noise: float) -> Array:
-        """(K, n) noise of each robot's joints, N m: a share of the RMS effort; 1 if there is no effort.
+        """(K, n) noise of each robot's joints, N m, from a noise relative to the RMS effort; 1 without effort.
 
-        Args:
-            grams: (n, r, r) Gram matrices of the joints' rows.
-            samples: number of samples of each.
-            noise: relative to each joint's RMS effort.
+        `grams` (n, r, r) are the Gram matrices of the joints' rows.
         """
         square = np.einsum("kr,jrs,ks->kj", self.betas, grams, self.betas) / samples
         return noise * np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), 1.0)
@@ -240,10 +229,7 @@ class PlausibleRobots:
     def joint_flips(
         self, grams: Array, sigma: Array, weight: float, groups: tuple[tuple[int, ...], ...]
     ) -> list[JointFlips]:
-        """(K,) resolvability of groups of 0-based joints, for each robot.
-
-        From Gram matrices (n, r, r), the robots' noise (K, n) and the independent samples per sample.
-        """
+        """Resolvability of groups of joints for each robot; `weight` is the independent samples per sample."""
         scaled = weight * grams / sigma[:, :, None, None] ** 2
         return [flip_joints(of_robot, beta, groups) for of_robot, beta in zip(scaled, self.betas, strict=True)]
 

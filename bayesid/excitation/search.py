@@ -29,8 +29,6 @@ from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A motion with its columns, information and cost."""
-
     trajectory: SplineTrajectory
     columns: Array  # (N, n, R) at the samples of the search
     weights: Array  # (N, n)
@@ -137,7 +135,6 @@ class MotionSearch:
 
     # ---- Changes ----
     def _step(self, trajectory: SplineTrajectory, rng: np.random.Generator) -> Array:
-        """(K, n) random change of the control points."""
         n = len(self.pose)
         kinds = (self._bump, self._constant_speed, self._repetition)
         count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < TUNING.several_joints else 1
@@ -149,27 +146,23 @@ class MotionSearch:
         return step
 
     def _span(self, rng: np.random.Generator) -> slice:
-        """Control points of a change, without those of the ends."""
         free = len(self.basis) - 2 * ENDS
         width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(TUNING.widest_change * free, 2.0)))), 1, free))
         first = ENDS + int(rng.integers(0, free - width + 1))
         return slice(first, first + width)
 
     def _bump(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
-        """A smooth bump of either sign."""
         full, width = self.feasibility.upper[joint] - self.feasibility.lower[joint], span.stop - span.start
         size = full * np.exp(rng.uniform(np.log(TUNING.smallest_bump), 0.0))
         phase = (np.arange(width) + 1.0) / (width + 1.0)
         return np.asarray(rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2)
 
     def _constant_speed(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
-        """A stretch of constant speed from the joint's position."""
         speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest_speed), 0.0))
         steps = np.arange(span.stop - span.start) * self.basis.duration / (len(self.basis) - DEGREE)
         return np.asarray(control[span.start - 1] + rng.choice([-1.0, 1.0]) * speed * steps - control[span])
 
     def _repetition(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
-        """A repetition of the joint's motion at another time."""
         width = span.stop - span.start
         other = int(rng.integers(0, len(self.basis) - width + 1))
         return np.asarray(control[other : other + width] - control[span])

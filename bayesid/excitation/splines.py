@@ -71,7 +71,6 @@ class SplineBasis:
 
     @cached_property
     def _curves(self) -> tuple[BSpline, ...]:
-        """All basis functions, and their derivatives."""
         curve = BSpline(self.knots, np.eye(len(self)), DEGREE)
         return (curve, *(curve.derivative(order) for order in range(1, DEGREE + 1)))
 
@@ -150,7 +149,6 @@ class Feasibility:
         return cls(posterior, lower, upper, np.array(rates), effort, clearance)
 
     def _between(self, order: int) -> tuple[Array, Array]:
-        """(n,) lower and upper limit of a derivative."""
         return (-self.rates[order - 1], self.rates[order - 1]) if order else (self.lower, self.upper)
 
     def feasible_share(self, trajectory: SplineTrajectory, step: Array) -> float:

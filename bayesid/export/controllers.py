@@ -65,17 +65,9 @@ class PlannedMotion:
         return Motion(t, motion.q, motion.dq, motion.ddq)
 
     def points(self, most: int, between: Between) -> tuple[Motion, float]:
-        """Equidistant points for a controller that interpolates; their number does not depend on the speed.
+        """The motion at equidistant points, and the largest deviation, rad (m), of their interpolation.
 
-        Args:
-            most: largest number of intervals.
-            between: assumed interpolation of the controller.
-
-        Returns:
-            The motion at the points, and the largest deviation of the interpolated positions, rad (m).
-
-        Raises:
-            InputError: the deviation is too large with `most` intervals.
+        There are at most `most` intervals; InputError if the deviation is then too large.
         """
         intervals = min(TUNING.fewest_intervals, most)
         while True:
@@ -130,9 +122,7 @@ def _ascii(text: str) -> str:
     return printable(text).encode("ascii", "backslashreplace").decode("ascii")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# ROS 2
-# ---------------------------------------------------------------------------------------------------------------
+# ---- ROS 2 ----
 def joint_trajectory(planned: PlannedMotion) -> str:
     """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead time.
 
@@ -164,9 +154,7 @@ def joint_trajectory(planned: PlannedMotion) -> str:
     return "\n".join(lines) + "\n"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Universal Robots: The URScript Programming Language, Universal Robots A/S, versions 3.2 and 5
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Universal Robots: The URScript Programming Language, Universal Robots A/S, versions 3.2 and 5 ----
 def urscript(planned: PlannedMotion) -> str:
     """motion.script: movej to the start pose, a servoj for each cycle of the motion, stopj.
 
@@ -202,10 +190,8 @@ def urscript(planned: PlannedMotion) -> str:
     return "\n".join(lines) + "\n"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# KUKA: names of axes, units (degrees, mm), PTP_SPLINE with SPTP segments and TIME_BLOCK as in KUKA System Software
+# ---- KUKA: names of axes, units (degrees, mm), PTP_SPLINE with SPTP segments and TIME_BLOCK as in KUKA System Software
 # 8.3, Operating and Programming Instructions for System Integrators, KUKA Roboter GmbH 2015
-# ---------------------------------------------------------------------------------------------------------------
 _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
 """A joint's name that ends with a KRL axis name: A1, e1, joint_a1."""
 
@@ -281,7 +267,6 @@ def krl_axes(planned: PlannedMotion) -> list[str]:
 
 
 def _krl_units(planned: PlannedMotion) -> Array:
-    """(n,) degrees per rad; mm per m for prismatic joints."""
     return np.where(planned.prismatic, 1e3, np.degrees(1.0))
 
 
@@ -289,9 +274,7 @@ def _named(axes: list[str], row: list[str]) -> str:
     return ", ".join(f"{axis} {value}" for axis, value in zip(axes, row, strict=True))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# All programs, in one folder per speed
-# ---------------------------------------------------------------------------------------------------------------
+# ---- All programs, in one folder per speed ----
 _TABLE = "motion.csv"
 _WRITERS: Mapping[str, Callable[[PlannedMotion], str]] = {
     "joint_trajectory.yaml": joint_trajectory,
@@ -321,13 +304,7 @@ class Programs:
 
 
 def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] = SPEEDS) -> Programs:
-    """Writes the motion as a table and as programs of controllers, into one folder per speed.
-
-    Args:
-        planned: the motion at its full speed.
-        place: existing folder.
-        shares: of the planned speed, one folder each.
-    """
+    """Writes the motion as a table and as programs of controllers, into one folder per share of its speed."""
     left_out, files = {}, [_TABLE]
     folders = tuple(place / _speed_folder(share) for share in shares)
     motions = [planned.slowed(share) for share in shares]

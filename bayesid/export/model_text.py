@@ -17,9 +17,7 @@ from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.robot import Joint, Robot, inertia
 
-# ---------------------------------------------------------------------------------------------------------------
-# URDF
-# ---------------------------------------------------------------------------------------------------------------
+# ---- URDF ----
 _LIMITS = {"lower": "-1000", "upper": "1000", "effort": "1000000", "velocity": "1000"}
 """A URDF needs limits. None are identified, so they are set wide."""
 
@@ -98,9 +96,7 @@ def roll_pitch_yaw(rotation: Array) -> Array:
     return np.array([roll, pitch, yaw])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# MJCF
-# ---------------------------------------------------------------------------------------------------------------
+# ---- MJCF ----
 _TIMESTEP = 0.001
 """s, usual cycle of a robot controller."""
 _DRY_FRICTION = {"solreffriction": f"{2 * _TIMESTEP} 1", "solimpfriction": "0.999 0.999 0.001"}
@@ -202,9 +198,7 @@ def _quaternion(rotation: Array) -> str:
     return numbers(np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(canonical=True), 1))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Common parts: bodies, effects in the actuators, and what a format leaves out
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Common parts: bodies, effects in the actuators, and what a format leaves out ----
 Part = tuple[Term, Array]
 """A term and its part of theta."""
 

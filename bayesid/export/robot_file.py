@@ -63,13 +63,7 @@ joints = [
 
 
 def robot_template(name: str, path: str, convention: str = "standard") -> str:
-    """A robot file to fill in, with comments; `load_robot` refuses it until every nan is replaced.
-
-    Args:
-        name: of the robot.
-        path: of the file, for its comment.
-        convention: "standard" or "modified".
-    """
+    """A robot file to fill in; `load_robot` refuses it until every nan is replaced. Its comment names `path`."""
     rows = [_row({"a": math.nan, "alpha": math.nan, "d": math.nan, "theta": 0.0})] * 6
     return _TEMPLATE.format(name=_name_line(name), path=path, convention=convention, rows="\n".join(rows))
 
@@ -113,8 +107,6 @@ def robot_file(table: str, name: str, convention: str, where: str) -> str:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of the table."""
-
     place: int  # index
     label: str
     factor: float | None  # rad or m per unit; None without a unit

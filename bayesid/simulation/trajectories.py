@@ -219,6 +219,5 @@ def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
 
 
 def _scaled_columns(model: Model, coefficients: BaseCoefficients, motion: Motion) -> Array:
-    """(N n, r) columns of unit length; zero columns stay zero."""
     columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     return columns / or_one(np.linalg.norm(columns, axis=0))

@@ -105,9 +105,7 @@ def _flow(
             yield batch
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In the worker
-# ---------------------------------------------------------------------------------------------------------------
+# ---- In the worker ----
 def attempt(function: Callable[[Any], Any], index: int, task: Any) -> Outcome:
     """Runs a task and pickles its value; failure to pickle or unpickle is an error of the task."""
     with _one_at_a_time, one_blas_thread:
@@ -133,9 +131,7 @@ def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Workers
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Workers ----
 class Processes:
     """Worker processes of this machine; if one crashes, all are restarted."""
 
@@ -169,15 +165,10 @@ class Processes:
 
 
 def connect(address: str, patience: float = 10.0) -> Cluster:
-    """The workers of the scheduler at an address.
-
-    Args:
-        address: tcp://host:port.
-        patience: time limit for the scheduler's answer, s.
+    """The workers of the scheduler at an address; `patience` is the time limit for its answer, s.
 
     Raises:
-        InputError: no scheduler answers, Dask is missing, or workers have another version of bayesid, which may give
-            other results.
+        InputError: no scheduler answers, Dask is missing, or workers have another version of bayesid.
     """
     try:
         from distributed import Client
