@@ -204,7 +204,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         for log, heading in zip(read[1:], headings[1:], strict=True)
     ]
     runs = _identify_alone(earlier, found, read, preprocessing, headings)
-    timeline = make_timeline(runs, [False, *(_payload(one) is not None for one in found)])
+    timeline = make_timeline(runs, [False, *(_payload(discrepancy) is not None for discrepancy in found)])
     return ChangeReport(
         logs=tuple(read),
         dates=dates,
@@ -233,9 +233,9 @@ def _check(robot: Robot, logs: Sequence[Log]) -> None:
         raise InputError("is one log, but a comparison needs two or more", where, "give a later log of the robot too")
     for log in logs:
         check_joints(robot, log.n_joints, log.source)
-    for one, other in combinations(logs, 2):
-        if hashes(one) & hashes(other):
-            raise InputError(f"has the same recording as {one.source}", other.source, "give every log once")
+    for log, other in combinations(logs, 2):
+        if hashes(log) & hashes(other):
+            raise InputError(f"has the same recording as {log.source}", other.source, "give every log once")
 
 
 def _warnings(dates: Dates, timeline: Timeline) -> list[str]:
@@ -269,8 +269,8 @@ def _identify_alone(
     and constraints on the last link are removed. Effects that a comparison added but the log alone does not confirm are
     left out too. The speed below which dry friction is smoothed is that of each log.
     """
-    new = [_confirmed_alone(one) for one in found]
-    terms = {key_of(one): one for effects in new for one in effects if isinstance(one, Term)}
+    new = [_confirmed_alone(discrepancy) for discrepancy in found]
+    terms = {key_of(term): term for effects in new for term in effects if isinstance(term, Term)}
     shared = (*earlier.model.terms, *terms.values())
     runs = []
     for k, log in enumerate(logs):
@@ -280,8 +280,10 @@ def _identify_alone(
         start = earlier if k == 0 else found[k - 1].identification
         body = None if k == 0 else _payload(found[k - 1])
         added = () if k == 0 else new[k - 1]
-        kept = [one for one in start.model.distortions if one in earlier.model.distortions or one.needs_earlier]
-        distortions = [*kept, *(one for one in added if isinstance(one, Distortion))]
+        kept = [
+            effect for effect in start.model.distortions if effect in earlier.model.distortions or effect.needs_earlier
+        ]
+        distortions = [*kept, *(effect for effect in added if isinstance(effect, Distortion))]
         speed = start.model.robot.actuators(start.signals.motion).standstill_speed
         of_log = tuple(_smoothed_below(_loaded_by(term, body), speed) for term in shared)
         constraints = _constraints(earlier.model, loaded=body is not None)
@@ -296,11 +298,12 @@ def _constraints(model: Model, *, loaded: bool) -> Constraints | None:
     constraints, robot = model.constraints, model.robot
     if constraints is None or not loaded:
         return constraints
-    return constraints.not_involving([one.name for one in RigidBody().parameters(robot) if one.joint == robot.n_joints])
+    parameters = RigidBody().parameters(robot)
+    return constraints.not_involving([parameter.name for parameter in parameters if parameter.joint == robot.n_joints])
 
 
 def _confirmed_alone(found: Discrepancy) -> list[Effect]:
-    effects = [_as_added(one, found) for one in found.added if _visible_alone(one)]
+    effects = [_as_added(effect, found) for effect in found.added if _visible_alone(effect)]
     shown = shown_by(found.identification, effects)
     return [effect for effect in effects if key_of(effect) in shown]
 
@@ -350,24 +353,27 @@ def _of_first(earlier: Identification, runs: Sequence[Identification]) -> list[E
     effects = [effect.source for effect in detected]
     confirmed = [shown_by(run, effects) for run in runs[1:]]
     histories = []
-    for one in detected:
-        later = [log_evidence(run, one.source, shown, runs[0]) for run, shown in zip(runs[1:], confirmed, strict=True)]
+    for effect in detected:
+        later = [
+            log_evidence(run, effect.source, shown, runs[0]) for run, shown in zip(runs[1:], confirmed, strict=True)
+        ]
         decisive = [evidence.says for evidence in later if evidence.says != OPEN]
         status = UNDECIDED if not decisive else PREEXISTING if decisive[-1] == SHOWN else GONE
-        first = LogEvidence(SHOWN, one.log10_bayes_factor)
-        histories.append(EffectHistory(one.source, status, (first, *later), {}))
+        first = LogEvidence(SHOWN, effect.log10_bayes_factor)
+        histories.append(EffectHistory(effect.source, status, (first, *later), {}))
     return histories
 
 
 def _of_later(found: Sequence[Discrepancy], runs: Sequence[Identification], timeline: Timeline) -> list[EffectHistory]:
     """Histories of effects that comparisons with the first model added."""
     added: dict[object, dict[int, AddedEffect]] = {}
-    for k, one in enumerate(found, start=1):
-        for effect in one.added:
+    for k, discrepancy in enumerate(found, start=1):
+        for effect in discrepancy.added:
             added.setdefault((effect.hypothesis.key, bool(effect.hypothesis.changes)), {})[k] = effect
     first = {key: next(iter(by_log.items())) for key, by_log in added.items()}
     sources = {key: _as_added(effect, found[k - 1]) for key, (k, effect) in first.items()}
-    followed = {key: one for key, one in sources.items() if _visible_alone(first[key][1]) and _in_models(one, runs)}
+    visible = {key: effect for key, effect in sources.items() if _visible_alone(first[key][1])}
+    followed = {key: effect for key, effect in visible.items() if _in_models(effect, runs)}
     confirmed = [shown_by(run, list(followed.values())) for run in runs]
     histories = []
     for key, by_log in added.items():
@@ -383,19 +389,19 @@ def _of_later(found: Sequence[Discrepancy], runs: Sequence[Identification], time
 
 
 def _in_models(effect: Effect, runs: Sequence[Identification]) -> bool:
-    return any(key_of(one) == key_of(effect) for run in runs for one in run.model.effects)
+    return any(key_of(other) == key_of(effect) for run in runs for other in run.model.effects)
 
 
 def _of_new(evidence: Sequence[LogEvidence]) -> str:
     """Status of an effect that a later log shows: new if the first log excludes it."""
-    if SHOWN not in [one.says for one in evidence[1:]]:
+    if SHOWN not in [of_log.says for of_log in evidence[1:]]:
         return UNDECIDED
     return {SHOWN: PREEXISTING, ABSENT: CHANGED, OPEN: UNDECIDED}[evidence[0].says]
 
 
 def _of_change(by_log: Mapping[int, AddedEffect], timeline: Timeline) -> str:
     """Status of a changed parameter: undecided if the time line includes it and shows no change."""
-    names = [one.name for one in timeline.tracked]
+    names = [parameter.name for parameter in timeline.tracked]
     changes = {name for effect in by_log.values() for name in effect.hypothesis.changes}
     places = [names.index(name) for name in changes if name in names]
     tested = [bool(timeline.moved[:, c].any()) for c in places if np.isfinite(timeline.p[:, c]).any()]
@@ -407,5 +413,5 @@ def _visible_alone(effect: AddedEffect) -> bool:
 
 
 def _as_added(effect: AddedEffect, found: Discrepancy) -> Effect:
-    same = [one for one in found.identification.model.effects if key_of(one) == effect.hypothesis.key]
+    same = [other for other in found.identification.model.effects if key_of(other) == effect.hypothesis.key]
     return same[-1] if same else effect.hypothesis.source

@@ -141,7 +141,7 @@ def effort_of(case: Case, effect: Hypothesis, extended: Model, theta: Array, mot
         earlier = dict(zip((p.name for p in case.model.parameters), case.knowledge.theta, strict=True))
         kept[[names.index(name) for name in effect.changes]] = [earlier[name] for name in effect.changes]
     elif isinstance(effect.source, Distortion):
-        last = max(k for k, one in enumerate(extended.distortions) if (one.name, one.joints) == form_of(effect))
+        last = max(k for k, other in enumerate(extended.distortions) if (other.name, other.joints) == form_of(effect))
         without = replace(extended, distortions=extended.distortions[:last] + extended.distortions[last + 1 :])
     else:
         kept[[names.index(p.name) for p in effect.source.parameters(extended.robot)]] = 0.0

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 from scipy.special import logsumexp
@@ -28,6 +29,7 @@ from bayesid.regression.tuning import TUNING as REGRESSION
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Data that show an unexplained joint: residual above the floor on the log, or on held-back data; or a residual on
 held-back data that grew when the model was identified again."""
+_LOG_POSTERIOR = attrgetter("log_posterior")
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,14 @@ class Selection:
     def added(self) -> list[AddedEffect]:
         """The effects, with their probabilities over all sets and their alternatives in probable ones."""
         chosen, added = self.sets[0], []
-        probable = [one for one in self.sets if one.probability > chosen.probability / TUNING.equivalent_odds]
-        for effect in (self._weighed(self.chosen, one) for one in self.chosen.effects):
-            name, joints = key = effect.hypothesis.key
-            others = {other for one in probable for other, where in one.instead_of(key, chosen) if where == joints}
+        least = chosen.probability / TUNING.equivalent_odds
+        probable = [other for other in self.sets if other.probability > least]
+        for hypothesis in self.chosen.effects:
+            effect, (name, joints) = self._weighed(self.chosen, hypothesis), hypothesis.key
+            replacing = [key for other in probable for key in other.instead_of(hypothesis.key, chosen)]
+            others = {effect_name for effect_name, where in replacing if where == joints}
             equivalent = tuple(sorted({*effect.equivalent, *others} - {name}))
-            included = sum(one.probability for one in self.sets if key in one.effects)
+            included = sum(other.probability for other in self.sets if hypothesis.key in other.effects)
             added.append(replace(effect, included=included, equivalent=equivalent))
         return added
 
@@ -90,8 +94,8 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
         chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior)
     with progress.stage("effects: cost of each"):
         cost = costs(sets, chosen)
-    passed = [*unconfirmed, *((one, effect) for one in (best, minimal[0]) for effect in one.effects)]
-    rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
+    passed = [*unconfirmed, *((among, effect) for among in (best, minimal[0]) for effect in among.effects)]
+    rejected = {effect.key: (among, effect) for among, effect in passed if effect.key not in chosen.keys}
     return Selection(
         chosen=chosen,
         before=before,
@@ -128,7 +132,7 @@ def _most_probable(sets: EffectSets, nothing: EffectSet, progress: Progress) -> 
         for done, effect in enumerate(several, start=1):
             if effect.key not in best.keys and sets.n_fitted <= TUNING.most_sets:
                 tried = [sets.fit([*others, effect], best.data) for others in ((), best.effects)]
-                other = polished(sets, max(tried, key=lambda one: one.log_posterior))
+                other = polished(sets, max(tried, key=_LOG_POSTERIOR))
                 best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
             steps(done, len(several))
     return best
@@ -177,11 +181,11 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
     done = set[tuple[int, Forms]]()  # searched joints, with the effects elsewhere
     while True:
         joints = [j for j in _to_search(sets.case, best) if searches[j] < TUNING.searches_per_joint]
-        open_ones = [one for one in ((j, _elsewhere(best, j)) for j in joints) if one not in done]
-        if not open_ones or sets.n_fitted > TUNING.most_sets:
+        pending = [search for search in ((j, _elsewhere(best, j)) for j in joints) if search not in done]
+        if not pending or sets.n_fitted > TUNING.most_sets:
             return polished(sets, best)
-        done.add(open_ones[0])
-        joint = open_ones[0][0]
+        done.add(pending[0])
+        joint = pending[0][0]
         searches[joint] += 1
         best = _improved_in(sets, sets.anchored(best), joint)
 
@@ -211,14 +215,14 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     forms = [form for group in sets.library for form in group if form.columns.joints == {joint}]
     others = best.without(*best.in_joint(joint))
     tried = [best, *_with_sets_of(sets, others, best, joint, forms)]
-    best = max(tried, key=lambda one: one.log_posterior)
+    best = max(tried, key=_LOG_POSTERIOR)
     if _mean_square(best, joint) > REGRESSION.above_blunt_floor**2:
         linear = [form for form in forms if form.source.linear]
         distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
-        bases = [sets.fit([*others, one], best.data, {joint}, one) for one in distortions]
-        for base in sorted(bases, key=lambda one: _mean_square(one, joint))[: TUNING.bases]:
+        bases = [sets.fit([*others, effect], best.data, {joint}, effect) for effect in distortions]
+        for base in sorted(bases, key=lambda base: _mean_square(base, joint))[: TUNING.bases]:
             tried += [base, *_with_sets_of(sets, base.effects, base, joint, linear)]
-    return max(tried, key=lambda one: one.log_posterior)
+    return max(tried, key=_LOG_POSTERIOR)
 
 
 def _mean_square(chosen: EffectSet, joint: int) -> float:
@@ -234,7 +238,7 @@ def _with_sets_of(
     by_size: dict[int, list[tuple[float, tuple[Hypothesis, ...]]]] = {}
     for effects in joint_sets(data, joint, others, forms, sets.log_prior):
         by_size.setdefault(len(effects), []).append((sets.quick([*others, *effects], data), effects))
-    best = [sorted(of_size, key=lambda one: -one[0])[: TUNING.sets_per_size] for of_size in by_size.values()]
+    best = [sorted(of_size, key=lambda pair: -pair[0])[: TUNING.sets_per_size] for of_size in by_size.values()]
     return [sets.fit([*others, *effects], data, {joint}) for of_size in best for _, effects in of_size]
 
 
@@ -248,7 +252,7 @@ def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
         seen.add(best.forms)
         best = sets.anchored(best)
         better = sets.fit(best.effects, best.data)
-        fewer = max(sets.fewer(best), key=lambda one: one.log_posterior)
+        fewer = max(sets.fewer(best), key=_LOG_POSTERIOR)
         if fewer.log_posterior > max(better.log_posterior, best.log_posterior) - sets.case.needed:
             best = fewer
         elif better.log_posterior > best.log_posterior + TUNING.noticed:
@@ -332,24 +336,24 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
 
     The sd of the errors is the smallest residual of any set, at least the floor.
     """
-    candidates = [one for one in sets.found.values() if not _unnecessary(sets, one)]
+    candidates = [candidate for candidate in sets.found.values() if not _unnecessary(sets, candidate)]
     score(candidates)
     cross_validation, limits = sets.case.cross_validation, sets.case.thresholds
-    sd = np.min(
-        [np.maximum(cross_validation.trial.rms(one.cross_validation), one.data.floor) for one in candidates], axis=0
-    )
-    used = cross_validation.trial.used
-    density = [cross_validation.by_block(log_density(one.cross_validation, used, sd)) for one in candidates]
+    trial, residuals = cross_validation.trial, [candidate.cross_validation for candidate in candidates]
+    floors = [candidate.data.floor for candidate in candidates]
+    sd = np.min(np.maximum([trial.rms(residual) for residual in residuals], floors), axis=0)
+    used = trial.used
+    density = [cross_validation.by_block(log_density(residual, used, sd)) for residual in residuals]
     best = max(density, key=lambda of_blocks: float(of_blocks.sum()))
     least = 0.5 * limits.held_back_improvement * float(used.sum(axis=0).max())
     pairs = zip(candidates, density, strict=True)
-    equal = [one for one, of_blocks in pairs if not surely_better(best, of_blocks, least)]
-    minimal = [one for one in equal if not any(other.keys < one.keys for other in equal)]
+    equal = [candidate for candidate, of_blocks in pairs if not surely_better(best, of_blocks, least)]
+    minimal = [candidate for candidate in equal if not any(other.keys < candidate.keys for other in equal)]
     by_keys: dict[frozenset[EffectKey], list[float]] = {}
-    for one in minimal:
-        by_keys.setdefault(one.keys, []).append(one.log_posterior)
+    for candidate in minimal:
+        by_keys.setdefault(candidate.keys, []).append(candidate.log_posterior)
     over_forms = {keys: float(logsumexp(logs)) for keys, logs in by_keys.items()}
-    return sorted(minimal, key=lambda one: (-over_forms[one.keys], -one.log_posterior))
+    return sorted(minimal, key=lambda candidate: (-over_forms[candidate.keys], -candidate.log_posterior))
 
 
 def _unnecessary(sets: EffectSets, chosen: EffectSet) -> bool:
@@ -376,7 +380,7 @@ def _alternatives(sets: EffectSets, chosen: EffectSet, replaced: tuple[Hypothesi
             by_form.setdefault(form_of(group[0]), []).append(group)
     scores = {form: best_forms(regression, groups)[0] for form, groups in by_form.items()}
     gain = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
-    competing = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
+    competing = sorted((scores[form] for form in set(scores) - forms), key=lambda score: -score.gain)
     return [score.hypothesis for score in competing[: TUNING.alternatives] if score.gain > gain - TUNING.nearly * LN10]
 
 
@@ -390,7 +394,7 @@ def _without_substitutes(sets: EffectSets, chosen: EffectSet) -> EffectSet:
         of_joint = chosen.in_joint(joint - 1)
         others = sets.fit(chosen.without(*of_joint), chosen.data, ())
         before, after = (
-            case.cross_validation.trial.rms(one.cross_validation)[joint - 1] ** 2 for one in (others, chosen)
+            case.cross_validation.trial.rms(effects.cross_validation)[joint - 1] ** 2 for effects in (others, chosen)
         )
         if of_joint and before - after < TUNING.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
             chosen = others

@@ -141,10 +141,10 @@ def form_of(effect: Hypothesis) -> EffectKey:
 
 def score(sets: Sequence[EffectSet]) -> None:
     """Computes the `cross_validation` of sets in several processes."""
-    missing = [one for one in sets if "cross_validation" not in vars(one)]
-    residuals = in_parallel([partial(getattr, one, "cross_validation") for one in missing])
-    for one, residual in zip(missing, residuals, strict=True):
-        vars(one)["cross_validation"] = residual  # where the cached property keeps it
+    missing = [effect_set for effect_set in sets if "cross_validation" not in vars(effect_set)]
+    residuals = in_parallel([partial(getattr, effect_set, "cross_validation") for effect_set in missing])
+    for effect_set, residual in zip(missing, residuals, strict=True):
+        vars(effect_set)["cross_validation"] = residual  # where the cached property keeps it
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class EffectSets:
 
     def fewer(self, chosen: EffectSet) -> list[EffectSet]:
         """The sets without one of its effects, numbers and signs in its joints fitted again."""
-        return [self.fit(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
+        return [self.fit(chosen.without(effect), chosen.data, effect.columns.joints) for effect in chosen.effects]
 
     def anchored(self, chosen: EffectSet) -> EffectSet:
         """The set as a reference: sets with the same effects are compared under its error model."""
@@ -252,10 +252,10 @@ def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSe
     The smallest sets come most probable first. The effects in which the first differs from the chosen set are added to
     all, or left out of all.
     """
-    logs = np.array([one.log_posterior for one in smallest])
+    logs = np.array([effect_set.log_posterior for effect_set in smallest])
     probability: dict[frozenset[EffectKey], float] = {}
-    for one, share in zip(smallest, np.exp(logs - logsumexp(logs)).tolist(), strict=True):
-        keys = (one.keys - (smallest[0].keys - chosen.keys)) | (chosen.keys - smallest[0].keys)
+    for effect_set, share in zip(smallest, np.exp(logs - logsumexp(logs)).tolist(), strict=True):
+        keys = (effect_set.keys - (smallest[0].keys - chosen.keys)) | (chosen.keys - smallest[0].keys)
         probability[keys] = probability.get(keys, 0.0) + share
     order = sorted(probability, key=lambda keys: -probability[keys])
     return tuple(WeighedSet(_in_order(keys, chosen), probability[keys]) for keys in order)

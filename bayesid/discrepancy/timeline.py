@@ -81,9 +81,9 @@ def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, 
 
 def missing_preexisting(model: Model, again: Identification) -> tuple[EffectKey, ...]:
     """Non-standard effects of an earlier model that a later log confirms alone."""
-    extra = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
-    beyond = list(map(key_of, extra))
-    shown = shown_by(again, [one for one in again.model.effects if key_of(one) in beyond])
+    extra = [effect for effect in model.effects if effect.joints or effect.name not in STANDARD]
+    beyond = [key_of(effect) for effect in extra if not effect.needs_earlier]
+    shown = shown_by(again, [effect for effect in again.model.effects if key_of(effect) in beyond])
     return tuple(key for key in beyond if key in shown)
 
 
@@ -312,7 +312,8 @@ def _tracked(run: Identification) -> tuple[TrackedParameter, ...]:
 def _places(tracked: Sequence[TrackedParameter], run: Identification) -> Array:
     """(C,) indices of the parameters in an identification; -1 if it lacks one."""
     keys = list(zip(run.coefficients.names, run.coefficients.expressions, strict=True))
-    return np.array([keys.index(key) if (key := (one.name, one.expression)) in keys else -1 for one in tracked])
+    tracked_keys = [(parameter.name, parameter.expression) for parameter in tracked]
+    return np.array([keys.index(key) if key in keys else -1 for key in tracked_keys])
 
 
 def _last_link(run: Identification) -> Array:

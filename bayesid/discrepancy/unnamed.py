@@ -109,7 +109,8 @@ def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[Effec
             break
         now, found = _fitted_again(finder, confirmed[0], [*found, confirmed[1]], needed)
     if not found:
-        return state, [(_refit((*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
+        rejected = [function.hypothesis for function in passed[:1]]
+        return state, [(_refit((*now.effects, function), now), function) for function in rejected]
     merged = _merged(finder, now, found)
     if not _explains_most(state, merged, joint):
         return state, [(merged, merged.effects[-1])]
@@ -135,14 +136,15 @@ def _finder(state: EffectSet, joint: int) -> Finder:
 def _merged(finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
     """The set with given functions merged into one effect, its last."""
     number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in state.case.model.terms)
-    merged = finder.merged(found, [state.fitted_effects.amplitude_of(one.hypothesis) for one in found], number)
+    amplitudes = [state.fitted_effects.amplitude_of(function.hypothesis) for function in found]
+    merged = finder.merged(found, amplitudes, number)
     return _refit((*_others(state, found), merged), state)
 
 
 def _without_unnecessary(state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
     """Without effects of the same joint that are unnecessary beside the learned one, the least necessary first."""
     while others := [e for e in state.effects if e is not learned and e.columns.joints == learned.columns.joints]:
-        whole, sets = state.log_evidence_of(state.effects), [state.without(one) for one in others]
+        whole, sets = state.log_evidence_of(state.effects), [state.without(effect) for effect in others]
         without = [state.log_evidence_of(effects) for effects in sets]
         least = int(np.argmax(without))
         if whole - without[least] > needed:
@@ -196,7 +198,7 @@ def _best_of(
     """
     beside = state.effects if effects is None else effects
     tried = []
-    for function in (one for one in functions if one.gain > TUNING.near_best * functions[0].gain):
+    for function in (each for each in functions if each.gain > TUNING.near_best * functions[0].gain):
         refit = _refit((*beside, function.hypothesis), state)
         tried.append((_refit(refit.effects, refit), function))
     return max(tried, key=lambda pair: pair[0].fitted_effects.log_evidence)
@@ -206,28 +208,29 @@ def _fitted_again(
     finder: Finder, state: EffectSet, found: list[Learned], needed: float
 ) -> tuple[EffectSet, list[Learned]]:
     """Each function chosen again beside the others, and without unnecessary ones."""
-    for one in list(found) if len(found) > 1 else []:
-        others, errors = _others(state, [one]), state.fitted_effects.errors
+    for function in list(found) if len(found) > 1 else []:
+        others, errors = _others(state, [function]), state.fitted_effects.errors
         best = next(iter(finder.ranked(state.explained(others), errors)), None)
-        if best is not None and best.gain > needed and best.form.variables != one.form.variables:
+        if best is not None and best.gain > needed and best.form.variables != function.form.variables:
             state = _refit((*others, best.hypothesis), state)
-            found = [best if other is one else other for other in found]
+            found = [best if other is function else other for other in found]
     return _fewer_functions(state, found, needed)
 
 
 def _others(state: EffectSet, removed: Sequence[Learned]) -> tuple[Hypothesis, ...]:
-    return state.without(*(one.hypothesis for one in removed))
+    return state.without(*(function.hypothesis for function in removed))
 
 
 def _fewer_functions(state: EffectSet, found: list[Learned], needed: float) -> tuple[EffectSet, list[Learned]]:
     """Without functions that later ones have made unnecessary, the least necessary first."""
     while len(found) > 1:
-        evidence = [explain(state.data, _others(state, [one]), state.fitted_effects).log_evidence for one in found]
+        others = [_others(state, [function]) for function in found]
+        evidence = [explain(state.data, effects, state.fitted_effects).log_evidence for effects in others]
         least = int(np.argmax(evidence))
         if state.fitted_effects.log_evidence - evidence[least] > needed:
             break
-        state = _refit(_others(state, [found[least]]), state)
-        found = [one for one in found if one is not found[least]]
+        state = _refit(others[least], state)
+        found = [function for function in found if function is not found[least]]
     return state, found
 
 

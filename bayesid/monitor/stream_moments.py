@@ -159,7 +159,9 @@ class StreamMoments:
         """Merges segments of each joint, except the most uncertain ones and the last one, which may continue."""
         for joint, last in enumerate(self.number.tolist()):
             segments = self.segments.items()
-            separate = sorted((-one.doubt, number) for (j, number), one in segments if j == joint and number != _MERGED)
+            separate = sorted(
+                (-part.doubt, number) for (j, number), part in segments if j == joint and number != _MERGED
+            )
             for _, number in separate[self.most_individual :]:
                 if number != last:
                     self._put(joint, _MERGED, self.segments.pop((joint, number)))
@@ -172,10 +174,10 @@ class StreamMoments:
         normal_equations = NormalEquations(
             joint,
             self.signed[joint].astype(np.int64),
-            Hessians.make(joint, np.array([one.hessian for one in segments])),
-            np.array([one.gradient for one in segments]),
-            np.array([one.energy for one in segments]),
-            np.array([one.count for one in segments]),
+            Hessians.make(joint, np.array([segment.hessian for segment in segments])),
+            np.array([segment.gradient for segment in segments]),
+            np.array([segment.energy for segment in segments]),
+            np.array([segment.count for segment in segments]),
         )
         return keys, normal_equations.scaled(weights)
 
@@ -225,7 +227,9 @@ class SignCheck:
         flipped = f"{len(self.segments)} of {self.n_segments} segments fit better with the other sign"
         how = "proven" if self.certified else "not proven"
         lines = [f"SignCheck: {flipped}, {how}; cost {self.cost:.6g}, with the signs used {self.cost_used:.6g}"]
-        lines += [f"joint {one.joint}, {one.start:.6g} to {one.end:.6g} s: {one.cost:.3g}" for one in self.segments]
+        lines += [
+            f"joint {each.joint}, {each.start:.6g} to {each.end:.6g} s: {each.cost:.3g}" for each in self.segments
+        ]
         return "\n  ".join(lines)
 
 

@@ -60,8 +60,8 @@ def moved_parameters(comparison: ChangeReport) -> list[Moved]:
 
 def _moved(comparison: ChangeReport, place: int) -> Moved:
     line = comparison.timeline
-    one = line.tracked[place]
-    readable, name = _unit_of(one), tracked_name(one)
+    parameter = line.tracked[place]
+    readable, name = _unit_of(parameter), tracked_name(parameter)
     value = readable.factor * (line.value[:, place] - line.of_payload[:, place] - readable.neutral)
     sd, change = readable.factor * line.sd[:, place], readable.factor * line.change[:, place]
     moved = np.flatnonzero(line.moved[:, place]).tolist()
@@ -74,8 +74,8 @@ def _moved(comparison: ChangeReport, place: int) -> Moved:
     return Moved(
         place=place,
         name=name,
-        of_links=one.effect == RigidBody.name,
-        symbol=one.expression,
+        of_links=parameter.effect == RigidBody.name,
+        symbol=parameter.expression,
         unit=readable.unit,
         value=tuple(value.tolist()),
         sd=tuple(sd.tolist()),
@@ -86,20 +86,21 @@ def _moved(comparison: ChangeReport, place: int) -> Moved:
     )
 
 
-def tracked_name(one: TrackedParameter) -> str:
+def tracked_name(parameter: TrackedParameter) -> str:
     """Such as joint 2: Coulomb friction; links: mc2x + a2 M2; payload mass."""
-    if one.name == PAYLOAD:
+    if parameter.name == PAYLOAD:
         return PAYLOAD
-    if one.effect == RigidBody.name:
-        return f"links: {one.expression}"
-    kind = forms()[one.effect]
-    details = [one.name.rstrip("0123456789")] if len(getattr(kind, "coefficients", ())) > 1 else []
-    where = f"joint {one.joint}: " if kind.acts_on != "robot" else ""
-    return f"{where}{form_label(one.effect, *details)}"
+    if parameter.effect == RigidBody.name:
+        return f"links: {parameter.expression}"
+    kind = forms()[parameter.effect]
+    details = [parameter.name.rstrip("0123456789")] if len(getattr(kind, "coefficients", ())) > 1 else []
+    where = f"joint {parameter.joint}: " if kind.acts_on != "robot" else ""
+    return f"{where}{form_label(parameter.effect, *details)}"
 
 
-def _unit_of(one: TrackedParameter) -> ReadableUnit:
-    return readable_unit(Phrase() if one.name == PAYLOAD else forms()[one.effect].phrase, one.name, one.unit)
+def _unit_of(parameter: TrackedParameter) -> ReadableUnit:
+    phrase = Phrase() if parameter.name == PAYLOAD else forms()[parameter.effect].phrase
+    return readable_unit(phrase, parameter.name, parameter.unit)
 
 
 def timeline_rule(comparison: ChangeReport) -> str:
@@ -114,19 +115,17 @@ def timeline_rule(comparison: ChangeReport) -> str:
 def columns(comparison: ChangeReport) -> dict[str, list[str]]:
     """Lines under the headings `CHANGED`, `PREEXISTING`, `GONE` and `UNDECIDED`."""
     rows = _other_changes(comparison)
-    changed = [_came(comparison, one) for one in _new(comparison)]
+    changed = [_came(comparison, history) for history in _new(comparison)]
     changed += [upper(row.text) for row in rows if not row.of_links]
     if links := [row.symbol for row in rows if row.of_links]:
         why = "Links do not wear: a load was added or moved, or the model lacks an effect"
         changed.append(f"{counted(len(links), 'link coefficient')}: {listed(links)}. {why}")
     undecided: dict[str, list[str]] = {}
-    for one in comparison.of(UNDECIDED):
-        undecided.setdefault(_why_open(comparison, one), []).append(effect_name(one.effect))
+    for history in comparison.of(UNDECIDED):
+        undecided.setdefault(_why_open(comparison, history), []).append(effect_name(history.effect))
     return {
         CHANGED: changed,
-        PREEXISTING: [
-            f"{upper(effect_name(one.effect))}{_sizes(comparison, one)}" for one in comparison.of(PREEXISTING)
-        ],
+        PREEXISTING: [upper(effect_name(one.effect)) + _sizes(comparison, one) for one in comparison.of(PREEXISTING)],
         GONE: [f"{upper(effect_name(one.effect))}: {_by_log(comparison, one, ABSENT)}" for one in comparison.of(GONE)],
         UNDECIDED: [f"{upper('; '.join(names))}: {reason}" for reason, names in undecided.items()],
     }
@@ -134,17 +133,17 @@ def columns(comparison: ChangeReport) -> dict[str, list[str]]:
 
 def in_brief(comparison: ChangeReport) -> tuple[Check, ...]:
     """Changes, additional effects in all logs; gap, remaining residual and next step of the last log."""
-    changed = [effect_name(one.effect) for one in _new(comparison)]
-    changed += [f"{effect_name(one.effect)} is gone" for one in comparison.of(GONE)]
+    changed = [effect_name(history.effect) for history in _new(comparison)]
+    changed += [f"{effect_name(history.effect)} is gone" for history in comparison.of(GONE)]
     rows = _other_changes(comparison)
     changed += [row.text for row in rows if not row.of_links]
     if links := [row for row in rows if row.of_links]:
         changed.append(counted(len(links), "link coefficient"))
-    in_all = [effect_name(one.effect) for one in comparison.of(PREEXISTING)]
+    in_all = [effect_name(history.effect) for history in comparison.of(PREEXISTING)]
     return (
         Check("Changed", "look" if changed else "good", _few(changed) or "no change detected"),
         Check("In all logs", "good", _few(in_all) or "no additional effects"),
-        *(one for one in last_in_brief(comparison.found[-1]) if one.name in ("Gap", "Remaining", "Next")),
+        *(check for check in last_in_brief(comparison.found[-1]) if check.name in ("Gap", "Remaining", "Next")),
     )
 
 
@@ -164,16 +163,20 @@ def comparison_conclusion(comparison: ChangeReport) -> Conclusion:
 
 
 def _new(comparison: ChangeReport) -> list[EffectHistory]:
-    return [one for one in comparison.of(CHANGED) if not any(e.hypothesis.changes for e in one.found.values())]
+    def is_new(history: EffectHistory) -> bool:
+        return not any(effect.hypothesis.changes for effect in history.found.values())
+
+    return list(filter(is_new, comparison.of(CHANGED)))
 
 
 def _other_changes(comparison: ChangeReport) -> list[Moved]:
     """Parameters that changed, without those of effects that are new or gone."""
-    effects = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
+    effects = [history.effect for history in (*_new(comparison), *comparison.of(GONE))]
 
-    def of_effect(one: TrackedParameter) -> bool:
-        name = one.effect.partition(".")[0]
-        return any(effect.effect == name and (not effect.joints or one.joint in effect.joints) for effect in effects)
+    def of_effect(parameter: TrackedParameter) -> bool:
+        name = parameter.effect.partition(".")[0]
+        of_name = [effect for effect in effects if effect.effect == name]
+        return any(not effect.joints or parameter.joint in effect.joints for effect in of_name)
 
     return [row for row in moved_parameters(comparison) if not of_effect(comparison.timeline.tracked[row.place])]
 
@@ -218,14 +221,14 @@ def _why_open(comparison: ChangeReport, history: EffectHistory) -> str:
 def _sizes(comparison: ChangeReport, history: EffectHistory) -> str:
     """An effect's parameters in the first and the last log that show them."""
     line, texts = comparison.timeline, []
-    for place, one in enumerate(line.tracked):
-        if one.effect == history.effect.name and (not history.joints or one.joint in history.joints):
-            readable = _unit_of(one)
+    for place, parameter in enumerate(line.tracked):
+        if parameter.effect == history.effect.name and (not history.joints or parameter.joint in history.joints):
+            readable = _unit_of(parameter)
             value, sd = readable.factor * (line.value[:, place] - readable.neutral), readable.factor * line.sd[:, place]
             shown = np.flatnonzero(np.isfinite(sd))
             if len(shown) > 1:
                 first, last = (quantity(value[k], sd[k], readable.unit) for k in (shown[0], shown[-1]))
-                texts.append(f"{one.name} = {first}, then {last}")
+                texts.append(f"{parameter.name} = {first}, then {last}")
     return f": {'; '.join(texts)}" if texts else ""
 
 
@@ -251,7 +254,7 @@ def comparison_summary(comparison: ChangeReport) -> dict[str, Any]:
             "logs": [{"log": log.source, "date": text} for log, text in zip(comparison.logs, texts, strict=True)],
             "dates_from": dates.basis,
             "in_words": in_words,
-            **{status: [_history(comparison, one) for one in comparison.of(status)] for status in in_words},
+            **{status: [_history(comparison, history) for history in comparison.of(status)] for status in in_words},
             "moved": [_moved_summary(comparison, row) for row in moved_parameters(comparison)],
             "moved_rule": timeline_rule(comparison),
             **taken(comparison, "warnings", "seconds"),
@@ -293,18 +296,18 @@ def timeline_rows(comparison: ChangeReport) -> Iterator[dict[str, object]]:
     """timeline.csv: one row per log and parameter, in the parameter's unit; unknown numbers are empty."""
     line, dates = comparison.timeline, comparison.dates
     for k, log in enumerate(comparison.logs):
-        for c, one in enumerate(line.tracked):
+        for c, parameter in enumerate(line.tracked):
             values = {name: getattr(line, name)[k, c] for name in ("value", "sd", "change", "change_sd", "of_payload")}
             values |= {"z": line.z[k, c], "p": line.p[k, c]}
             numbers = {name: float(value) if np.isfinite(value) else "" for name, value in values.items()}
             yield {
                 "log": log.source,
                 "date": dates.texts[k] if dates.known else "",
-                "parameter": one.name,
+                "parameter": parameter.name,
                 "value": numbers.pop("value"),
                 "sd": numbers.pop("sd"),
-                "unit": one.unit,
+                "unit": parameter.unit,
                 "moved": bool(line.moved[k, c]),
-                "expression": one.expression,
+                "expression": parameter.expression,
                 **numbers,
             }

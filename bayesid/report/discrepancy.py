@@ -48,18 +48,18 @@ _VERDICTS: Mapping[str, tuple[State, str]] = {
 def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
     """The verdict, with the first thing to do."""
     state, text = _VERDICTS.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
-    reasons = [one for one in failed(discrepancy_checks(discrepancy)) if one.remedy and one.state != "not done"]
+    reasons = [check for check in failed(discrepancy_checks(discrepancy)) if check.remedy and check.state != "not done"]
     return Conclusion(state, sentence(state, text), first(reasons))
 
 
 def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:
     """The sets that are probable enough to be listed."""
-    return [one for one in discrepancy.sets if one.probability >= TUNING.set_listed]
+    return [effect_set for effect_set in discrepancy.sets if effect_set.probability >= TUNING.set_listed]
 
 
-def set_in_words(effects: WeighedSet) -> str:
+def set_in_words(effect_set: WeighedSet) -> str:
     """Such as Coulomb friction, joint 2 + joint spring, joint 2."""
-    return " + ".join(label(effect, joints) for effect, joints in effects.effects) or "nothing"
+    return " + ".join(label(effect, joints) for effect, joints in effect_set.effects) or "nothing"
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -305,7 +305,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
         {
             **taken(discrepancy, "status", "where"),
             "found": [added_summary(effect) for effect in discrepancy.added],
-            "sets": [{"effects": _named(one.effects), "probability": one.probability} for one in discrepancy.sets],
+            "sets": [{"effects": _named(each.effects), "probability": each.probability} for each in discrepancy.sets],
             "gap": {
                 **taken(
                     discrepancy, "before", "after", "holdout", noise_floor=floor.rms, noise_floor_white=floor.white

@@ -93,7 +93,7 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
         origin = f"{floor.origin[j]}{'' if floor.sharp[j] else ' (a lower bound)'}{lasts}"
         remark = html.NONE
         if joint in ratios:
-            which = ", ".join(_SHOWN_ON[one] for one in discrepancy.unexplained_on.get(joint, ()))
+            which = ", ".join(_SHOWN_ON[data] for data in discrepancy.unexplained_on.get(joint, ()))
             remark = Markup("unexplained: {} times the floor ({})").format(html.number(ratios[joint]), which)
         unit = unit_of(discrepancy, joint)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
@@ -129,7 +129,7 @@ def _found(discrepancy: Discrepancy) -> list[Markup]:
         headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error without it"]
         headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
         parts.append(html.table(caption, headings, sizes))
-    sets = [(set_in_words(one), html.probability(one.probability)) for one in listed_sets(discrepancy)]
+    sets = [(set_in_words(each), html.probability(each.probability)) for each in listed_sets(discrepancy)]
     if len(sets) > 1:
         caption = "Sets of effects that predict the held-back data equally well, and their probabilities given the log."
         parts.append(html.table(caption, ["Set", "Probability"], sets))
@@ -314,9 +314,14 @@ def _changes(comparison: ChangeReport) -> html.Section:
         if lines or status in (CHANGED, PREEXISTING)
     ]
     rows = [
-        (label(one.name), _joints(one.joints), *map(evidence_in_words, one.by_log), SECTIONS[one.status])
-        for one in comparison.effects
-        if one.by_log
+        (
+            label(history.name),
+            _joints(history.joints),
+            *map(evidence_in_words, history.by_log),
+            SECTIONS[history.status],
+        )
+        for history in comparison.effects
+        if history.by_log
     ]
     caption = (
         "Additional effects in each log alone: present (log10 Bayes factor given all others), absent, or undetermined."

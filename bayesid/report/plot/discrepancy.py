@@ -77,7 +77,7 @@ def gap_figure(discrepancy: Discrepancy) -> fig.Figure:
     sides = (discrepancy.before, _BEFORE, -0.2, _EARLIER), (discrepancy.after, _AFTER, 0.2, _EXTENDED)
     for gap, colour, shift, name in sides:
         ratio, row = gap / floor, place + shift
-        texts = [f"{rounded(float(one))} {unit_of(discrepancy, j)}" for j, one in enumerate(gap, start=1)]
+        texts = [f"{rounded(float(of_joint))} {unit_of(discrepancy, j)}" for j, of_joint in enumerate(gap, start=1)]
         marks.append(fig.Boxes((np.zeros(n), ratio), (row - 0.18, row + 0.18), colour, name))
         marks.append(fig.Words(np.maximum(ratio, 1.0), row, texts))  # clear of the floor's line
     marks.append(fig.upright(1.0, fig.INK, 1.2, "dashed", "noise floor"))
@@ -176,4 +176,5 @@ def _flat(x: Array, z: Array) -> list[fig.Mark]:
     drawn = z.copy()
     drawn[0] = 0.0
     known = np.isfinite(drawn)
-    return [fig.Line(x[here], one[here], fig.INK, "", 0.8, 0.5) for one, here in zip(drawn.T, known.T, strict=True)]
+    pairs = zip(drawn.T, known.T, strict=True)
+    return [fig.Line(x[shown], values[shown], fig.INK, "", 0.8, 0.5) for values, shown in pairs]
