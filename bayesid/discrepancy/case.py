@@ -119,9 +119,7 @@ def shortened(trial: Trial) -> Trial:
     return Trial(signals, trial.actuators[rows], trial.used[rows] & inner, trial)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The floor
-# ---------------------------------------------------------------------------------------------------------------
+# ---- The floor ----
 @dataclass(frozen=True)
 class NoiseFloor:
     """The part of the residual that no model can explain."""
@@ -207,9 +205,7 @@ def repetition_sd(values: Array, again: Array, used: Mask) -> Array:
     return np.sqrt(0.5 * square / np.maximum(used.sum(axis=0), 1))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The residual above the floor
-# ---------------------------------------------------------------------------------------------------------------
+# ---- The residual above the floor ----
 @dataclass(frozen=True)
 class Excess:
     """Where a joint's residual exceeds the floor."""
@@ -269,9 +265,7 @@ def _binned(value: Array, residual: Array) -> tuple[float, tuple[float, float]]:
     return share, (float(edges[high[0]]), float(edges[high[-1] + 1]))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Data and options of a comparison
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Data and options of a comparison ----
 @dataclass(frozen=True)
 class HeldBack:
     """Data that score selected effects, and are not used to select them."""

@@ -253,9 +253,7 @@ def _warnings(dates: Dates, timeline: Timeline) -> list[str]:
     return warnings
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The common model on each log alone
-# ---------------------------------------------------------------------------------------------------------------
+# ---- The common model on each log alone ----
 def _identify_alone(
     earlier: Identification,
     found: Sequence[Discrepancy],
@@ -280,9 +278,8 @@ def _identify_alone(
         start = earlier if k == 0 else found[k - 1].identification
         body = None if k == 0 else _payload(found[k - 1])
         added = () if k == 0 else new[k - 1]
-        kept = [
-            effect for effect in start.model.distortions if effect in earlier.model.distortions or effect.needs_earlier
-        ]
+        fixed = earlier.model.distortions
+        kept = [effect for effect in start.model.distortions if effect in fixed or effect.needs_earlier]
         distortions = [*kept, *(effect for effect in added if isinstance(effect, Distortion))]
         speed = start.model.robot.actuators(start.signals.motion).standstill_speed
         of_log = tuple(_smoothed_below(_loaded_by(term, body), speed) for term in shared)
@@ -309,7 +306,6 @@ def _confirmed_alone(found: Discrepancy) -> list[Effect]:
 
 
 def _smoothed_below(term: Term, speed: Array) -> Term:
-    """A dry friction term smoothed below the speeds (n,)."""
     if not isinstance(term, DryTerm):
         return term
     return replace(term, smoothing=tuple(speed[term.acting(len(speed))].tolist()))
@@ -322,7 +318,6 @@ def _payload(found: Discrepancy) -> Array | None:
 
 
 def _loaded_by(term: Term, body: Array | None) -> Term:
-    """A term whose load includes a body on the last link."""
     if body is None or not term.shape.get("links"):
         return term
     links = np.array(term.shape["links"])
@@ -335,9 +330,7 @@ def _values(model: Model, start: Identification) -> Array:
     return np.array([values.get(parameter.name, 0.0) for parameter in model.parameters])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Histories of effects
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Histories of effects ----
 def _histories(
     earlier: Identification, found: Sequence[Discrepancy], runs: Sequence[Identification], timeline: Timeline
 ) -> tuple[EffectHistory, ...]:
@@ -351,12 +344,10 @@ def _of_first(earlier: Identification, runs: Sequence[Identification]) -> list[E
     """Histories of effects detected in the first log."""
     detected = () if earlier.model_selection is None else earlier.model_selection.effects
     effects = [effect.source for effect in detected]
-    confirmed = [shown_by(run, effects) for run in runs[1:]]
+    later_runs = [(run, shown_by(run, effects)) for run in runs[1:]]
     histories = []
     for effect in detected:
-        later = [
-            log_evidence(run, effect.source, shown, runs[0]) for run, shown in zip(runs[1:], confirmed, strict=True)
-        ]
+        later = [log_evidence(run, effect.source, shown, runs[0]) for run, shown in later_runs]
         decisive = [evidence.says for evidence in later if evidence.says != OPEN]
         status = UNDECIDED if not decisive else PREEXISTING if decisive[-1] == SHOWN else GONE
         first = LogEvidence(SHOWN, effect.log10_bayes_factor)

@@ -74,9 +74,7 @@ def _contains(whole: Array, part: Array) -> bool:
     return any(np.array_equal(whole[at : at + len(part)], part) for at in places)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Mixed-up columns
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Mixed-up columns ----
 class _MixUp(NamedTuple):
     """Swapped or reversed columns of a log of n joints."""
 

@@ -118,9 +118,7 @@ def _begin(case: Case) -> tuple[Observations, Library]:
     return case.data(predicted, None if refit is None else refit.probability), library
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# On the log
-# ---------------------------------------------------------------------------------------------------------------
+# ---- On the log ----
 def _most_probable(sets: EffectSets, nothing: EffectSet, progress: Progress) -> EffectSet:
     """The most probable set, starting from forward selection and from effects of the whole robot."""
     with progress.stage("effects: one by one"):
@@ -268,9 +266,7 @@ def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]
     return [score.hypothesis for score in scores[: TUNING.alternatives] if score.gain > sets.case.needed]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# On held-back data
-# ---------------------------------------------------------------------------------------------------------------
+# ---- On held-back data ----
 def _confirmed_sets(sets: EffectSets, chosen: EffectSet, progress: Progress) -> list[EffectSet]:
     """Minimal sets that predict held-back data equally well, most probable first.
 
@@ -384,9 +380,7 @@ def _alternatives(sets: EffectSets, chosen: EffectSet, replaced: tuple[Hypothesi
     return [score.hypothesis for score in competing[: TUNING.alternatives] if score.gain > gain - TUNING.nearly * LN10]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Unexplained joints
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Unexplained joints ----
 def _without_substitutes(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     """The set without effects of unexplained joints, unless they explain most of the excess."""
     case = sets.case

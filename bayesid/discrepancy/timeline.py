@@ -46,9 +46,7 @@ SHOWN, ABSENT, OPEN = "shown", "absent", "cannot tell"
 """Evidence of a log about an effect."""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Effects
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Effects ----
 @dataclass(frozen=True)
 class LogEvidence:
     """Evidence of a log about an effect."""
@@ -133,9 +131,7 @@ def _log_data(run: Identification, model: Model) -> LogData:
     return LogData(rows, base_coefficients(rows), signals, moving, fitted & signals.measured)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Parameters
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Parameters ----
 @dataclass(frozen=True)
 class TrackedParameter:
     """A coefficient of the time line."""

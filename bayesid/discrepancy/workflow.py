@@ -219,9 +219,7 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The result
-# ---------------------------------------------------------------------------------------------------------------
+# ---- The result ----
 def _discrepancy(case: Case, selection: Selection, again: Identification, body: PayloadEstimate | None) -> Discrepancy:
     trial, scoring = case.trial, case.cross_validation.trial
     scores = assess(selection.before, selection.library)

@@ -347,7 +347,6 @@ class Alarms:
 
 
 def _of_kind(alarm: Alarm, kind: Kind, changed: Mask, sums: Array) -> Alarm:
-    """An alarm with the classification of a change in joints (n,) with sums (n,)."""
     joints = kind.joints if kind.name != PAYLOAD else tuple((np.flatnonzero(changed) + 1).tolist())
     joint = max(joints, key=lambda j: sums[j - 1])
     return replace(alarm, joint=joint, kind=kind.name, joints=joints, amount=kind.amount, explained=kind.explained)

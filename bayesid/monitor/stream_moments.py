@@ -158,11 +158,9 @@ class StreamMoments:
     def merge(self) -> None:
         """Merges segments of each joint, except the most uncertain ones and the last one, which may continue."""
         for joint, last in enumerate(self.number.tolist()):
-            segments = self.segments.items()
-            separate = sorted(
-                (-part.doubt, number) for (j, number), part in segments if j == joint and number != _MERGED
-            )
-            for _, number in separate[self.most_individual :]:
+            separate = [number for j, number in self.segments if j == joint and number != _MERGED]
+            separate.sort(key=lambda number: (-self.segments[joint, number].doubt, number))
+            for number in separate[self.most_individual :]:
                 if number != last:
                     self._put(joint, _MERGED, self.segments.pop((joint, number)))
 
@@ -227,9 +225,8 @@ class SignCheck:
         flipped = f"{len(self.segments)} of {self.n_segments} segments fit better with the other sign"
         how = "proven" if self.certified else "not proven"
         lines = [f"SignCheck: {flipped}, {how}; cost {self.cost:.6g}, with the signs used {self.cost_used:.6g}"]
-        lines += [
-            f"joint {each.joint}, {each.start:.6g} to {each.end:.6g} s: {each.cost:.3g}" for each in self.segments
-        ]
+        for segment in self.segments:
+            lines.append(f"joint {segment.joint}, {segment.start:.6g} to {segment.end:.6g} s: {segment.cost:.3g}")
         return "\n  ".join(lines)
 
 

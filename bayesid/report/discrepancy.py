@@ -62,9 +62,7 @@ def set_in_words(effect_set: WeighedSet) -> str:
     return " + ".join(label(effect, joints) for effect, joints in effect_set.effects) or "nothing"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# A check for each finding
-# ---------------------------------------------------------------------------------------------------------------
+# ---- A check for each finding ----
 def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
     """Effects found (good or look), unexplained joints (bad), and effects that were not testable (not done)."""
     return (
@@ -201,9 +199,7 @@ def _not_testable(discrepancy: Discrepancy) -> Iterator[Check]:
         yield Check("Not testable", "not done", message, "record the motions that the report names")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Numbers of an effect in readable units
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Numbers of an effect in readable units ----
 def readable_unit(phrase: Phrase, name: str, unit: str) -> ReadableUnit:
     """The readable unit of a parameter, by its name with or without a joint, and its unit."""
     symbol = name.rstrip("0123456789").rstrip("_")
@@ -295,9 +291,7 @@ def _change(added: AddedEffect, n: int) -> str:
     return f"{upper(label(source.name, added.joints))}, {verb}{f': {listed(parts)}' if parts else ''}."
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# discrepancy.json
-# ---------------------------------------------------------------------------------------------------------------
+# ---- discrepancy.json ----
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
     """discrepancy.json of a result: SI units, joints from 1, gaps as RMS in N m."""
     floor = discrepancy.floor

@@ -314,14 +314,9 @@ def _changes(comparison: ChangeReport) -> html.Section:
         if lines or status in (CHANGED, PREEXISTING)
     ]
     rows = [
-        (
-            label(history.name),
-            _joints(history.joints),
-            *map(evidence_in_words, history.by_log),
-            SECTIONS[history.status],
-        )
-        for history in comparison.effects
-        if history.by_log
+        (label(effect.name), _joints(effect.joints), *map(evidence_in_words, effect.by_log), SECTIONS[effect.status])
+        for effect in comparison.effects
+        if effect.by_log
     ]
     caption = (
         "Additional effects in each log alone: present (log10 Bayes factor given all others), absent, or undetermined."

@@ -24,9 +24,7 @@ _EARLIER, _EXTENDED = "earlier model", "extended model"
 _BEFORE, _AFTER = fig.ORANGE, fig.BLUE
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# One discrepancy
-# ---------------------------------------------------------------------------------------------------------------
+# ---- One discrepancy ----
 def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
     """Residual of a joint (from 1), before and after, over the variable that explains most of it.
 
@@ -123,9 +121,7 @@ def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
     return fig.Figure([panels], 2.6, key=True)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Several logs
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Several logs ----
 def timeline_figure(comparison: ChangeReport) -> fig.Figure:
     """Parameters that changed, with 95 % intervals, over days or, without dates, over the order of the logs.
 
