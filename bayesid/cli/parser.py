@@ -89,7 +89,7 @@ class Parser(argparse.ArgumentParser):
 
     Attributes:
         commands: parsers of the commands, by name.
-        command: what it parses.
+        command: the command that it parses.
         options: names of the options.
     """
 

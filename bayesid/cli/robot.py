@@ -71,7 +71,7 @@ def _show(options: argparse.Namespace) -> None:
     if out is not None:
         check_file(options, out)
         if out.suffix.lower() not in _PICTURES:
-            raise InputError("is no picture", str(out), f"give a name that ends in {', '.join(_PICTURES)}")
+            raise InputError("is not a picture", str(out), f"give a name that ends in {', '.join(_PICTURES)}")
     robot = robot_of(options, notes=True)
     here = pose(robot, None if options.q is None else _positions(options.q, options.degrees, robot))
     if out is not None:

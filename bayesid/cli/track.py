@@ -164,7 +164,7 @@ def _alarm_lines(result: StreamResult) -> list[str]:
 # ---------------------------------------------------------------------------------------------------------------
 def _follow(options: argparse.Namespace) -> None:
     if str(options.log) != STANDARD_INPUT:
-        raise InputError("is no stream", str(options.log), "give - instead of the log with --follow")
+        raise InputError("is not a stream", str(options.log), "give - instead of the log with --follow")
     for name in ("plot", "explain"):
         if getattr(options, name):
             raise InputError("needs a whole recording", f"--{name}", "leave it out, and track the recording later")
@@ -276,7 +276,7 @@ def _follow_into(folder: Path, tracker: SignTracker, rows: _Rows) -> StreamFigur
 
 
 class _NobodyReadsError(Exception):
-    """Nobody reads stdout any more; no `OSError`, which would be reported as one of the folder."""
+    """The reader of stdout has ended; not an `OSError`, which would be reported as an error of the folder."""
 
 
 class _Announced:
@@ -338,7 +338,7 @@ def _answer(line: str) -> None:
 
 
 def _check_rate(rate: float, times: Sequence[float]) -> None:
-    """Compares the median step of the rows with the rate; a burst of rows is no error."""
+    """Compares the median step of the rows with the rate; a burst of rows is not an error."""
     steps = np.diff(times)
     if not (steps > 0.0).any():
         return

@@ -327,8 +327,8 @@ def _of_the_signs(averaged: AveragedSigns, model_error_probability: Array) -> It
 
 
 def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
-    wanted = posterior.sampling
-    rhat, ess = (posterior.max_rhat, wanted.max_rhat), (posterior.min_ess, wanted.wanted_ess)
+    options = posterior.sampling
+    rhat, ess = (posterior.max_rhat, options.max_rhat), (posterior.min_ess, options.wanted_ess)
     yield sampling(posterior.converged, posterior.timed_out, rhat, ess)
     if posterior.active_bounds:
         yield active_bounds(dict(posterior.active_bounds))

@@ -180,7 +180,7 @@ class IdentifiedModel:
 
     @property
     def reading(self) -> dict[str, Any]:
-        """Options of `bayesid.read_log` for logs of the same recorder: those of its own log, with identified gains."""
+        """Options of `bayesid.read_log` for logs of the same recorder: those of the model's log, with its gains."""
         kept = {name: value for name, value in self.read_with.items() if name != "gains"}
         if kept.get("joints") == list(joint_names(self.model.robot)):
             del kept["joints"]  # the default
@@ -331,7 +331,7 @@ class IdentifiedModel:
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
         """Predicts a log's efforts from its motion, estimates unknown signs with the model, and compares.
 
-        A log that the model was identified from is no validation: `Validation.seen` is then true.
+        A log that the model was identified from does not validate it: `Validation.seen` is then true.
 
         Args:
             log: a log of the same robot, or anything that `bayesid.read_log` reads.

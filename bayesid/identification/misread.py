@@ -375,7 +375,7 @@ def _units(robot: Robot) -> _Changes:
     reach = float(np.linalg.norm(robot.link_ends[:, 1] - robot.link_ends[:, 0], axis=1).sum())
     for factor, change in ((1e-3, "in mm, not m"), (1e3, "in m, not mm")):
         if TUNING.reach[0] < reach < TUNING.reach[1]:
-            break  # without lengths the joints are hardly coupled, and the model fits nearly anything
+            break  # without lengths the joints are almost uncoupled, and the model fits almost any log
         joints = tuple(
             replace(j, placement=_longer(j.placement, factor), link_frame=_longer(j.link_frame, factor))
             for j in robot.joints

@@ -2,8 +2,7 @@
 
 An earlier log without the payload separates it from the last link. Each draw of the posterior of both logs contains a
 body: mass m, centre of mass h / m, and inertia about it. Means over draws are reported. The mean of inertias is
-    feasible,
-as they form a convex cone; medians of single numbers need not be.
+feasible, as they form a convex cone; medians of single numbers need not be.
 
 The prior is almost flat in the ten parameters. For second moments S_xx, S_yy, S_zz about the centre the volume of
 feasible products (|S_xy| <= sqrt(S_xx S_yy)) is proportional to S_xx S_yy S_zz, so a flat prior favours large bodies.

@@ -367,8 +367,8 @@ def _prepared(
         payloads = (term for term in carried_payloads(signals.motion) if term not in terms)
         model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
         if constraints is not None:
-            says = read_constraints(constraints) if isinstance(constraints, str | Path) else constraints
-            model = replace(model, constraints=constraints_of(says, model))
+            function = read_constraints(constraints) if isinstance(constraints, str | Path) else constraints
+            model = replace(model, constraints=constraints_of(function, model))
         segments = find_segments(signals, robot.actuators(signals.motion), run.preprocessing.segmentation)
         _check_amount(signals, segments, base_coefficients(model), log)
         nominal_parameters(run.prior, model.parameters)

@@ -40,8 +40,8 @@ NORMAL_95 = 1.959963984540054
 BY_POSTERIOR, BY_INFORMATION, NOISE_ALONE = "by the posterior", "by the information matrix", "noise alone"
 """Sources of a prediction's uncertainty: draws; least squares; noise only, if the parameters' is unknown."""
 _UNKNOWN, _INVOLVED = 1e-12, 1e-3
-"""Relative information about a combination of coefficients that is rounding error; share of a sample's columns in such
-combinations above which its effort is unknown. As in `regression.least_squares`."""
+"""Relative information about a combination of coefficients below which it is rounding error, and the share of a
+sample's columns in such combinations above which its effort is unknown. As in `regression.least_squares`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -330,7 +330,7 @@ class Validation:
 
 
 def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEfforts, noise: Noise) -> Validation:
-    """Estimates a log's unknown signs from a prediction, which includes noise, and compares the two.
+    """Estimates a log's unknown signs from a prediction with noise, and compares log and prediction.
 
     `noise` is that of the model's residual on the identified log.
     """

@@ -1,9 +1,9 @@
 """Readings of a log and their residuals, with signs fitted to each reading.
 
-A reading states the robot, which recorded joint each joint is, and factors and zeros of the recorded values. It is
+A reading consists of the robot, the recorded joint of each joint, and factors and zeros of the recorded values. It is
 fitted with the standard terms to some hundred samples, signs and coefficients in turn. First each joint is fitted
-alone, starting from efforts of random robots, whose gravity and friction have about the right signs. Then those signs
-of whole joints are taken that fit best together, and all joints are fitted together.
+alone, starting from efforts of random robots, whose gravity and friction have about the right signs. Then whole joints
+are flipped so that they fit best together, and all joints are fitted together.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from bayesid.robot import Robot
 from bayesid.simulation.parameters import random_parameters
 
 BLIND = 1e-9
-"""Squared residual of a unit column projected on others that is rounding error."""
+"""Squared residual of a unit column, after projecting out other columns, below which it is rounding error."""
 _LEAST = 1e-6
 """Smallest relative residual that is not rounding error."""
 
@@ -184,7 +184,7 @@ def bic_gain(given: ReadingResidual, other: ReadingResidual, count: Array) -> fl
 
 
 def counts_of_least(residuals: Sequence[ReadingResidual], least: Array | float = 1.0) -> Array:
-    """(n,) effective samples of each joint, by the smallest residual; `least` bounds those of the first from below."""
+    """(n,) effective samples of each joint, by the smallest residual; at least `least` for the first one."""
     best = np.argmin([residual.share for residual in residuals], axis=0).tolist()
     floor = np.broadcast_to(least, (len(best),))
     return np.array([max(residuals[k].count(j), 1.0 if k else floor[j]) for j, k in enumerate(best)])
@@ -291,7 +291,7 @@ class Fitted:
         return effort, predicted
 
     def polished(self, best: ReadingResidual) -> ReadingResidual:
-        """With the signs of each joint in turn restarted from a fit to the other joints."""
+        """The best residual after restarting each joint's signs, one after the other, from a fit to the others."""
         order = np.argsort(-best.share[self.reading.efforts])
         for j in [j for j in order.tolist() if not self.signed[j]]:
             others = np.arange(len(order)) != j

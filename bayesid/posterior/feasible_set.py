@@ -4,7 +4,7 @@ The region is an intersection of half spaces, rows theta + offset >= 0, and of p
 in theta (the pseudo-inertias). Equalities confine theta to a plane, theta = origin + N y (`bayesid.effects.plane`), and
 y moves. All functions are vectorised over W walkers, the last axis of every array.
 
-The best parameters are on the region's edge, where the Hessian says little about the posterior. The minimum of the same
+The best parameters are on the region's edge, where the Hessian does not describe the posterior. The minimum of the same
 quadratic function with a logarithmic barrier,
 
     phi(theta) = theta' A theta / 2 - b' theta - sum log slack - sum log det P,

@@ -272,7 +272,7 @@ class Posterior:
 
 
 def _shortest(draws: Array, mass: float) -> tuple[float, float]:
-    """The shortest interval of nonnegative draws with a posterior mass; from zero if that is hardly longer."""
+    """The shortest interval of nonnegative draws with a posterior mass; from zero if that is little longer."""
     draws, count = np.sort(draws), int(np.ceil(mass * len(draws)))
     widths = draws[count - 1 :] - draws[: len(draws) - count + 1]
     first = int(widths.argmin())
@@ -285,9 +285,9 @@ def widened(posterior: Posterior, information: Array, model_error_covariance: Ar
     """The posterior with model error added in each mode (:eq:`nuisance-draws`).
 
     An error e of least squares shifts a posterior with prior and cone by Cov(theta, beta) H e. A shifted draw need not
-    be feasible, as the model error is no rigid body; draws confined to a corner of the cone would hide its size. Only
-    nonnegative parameters that are coefficients by themselves are kept at zero or above.
-    H is the information (r, r) of the coefficients; `model_error_covariance` is the covariance (r, r) of e.
+    be feasible, as the model error is not a rigid body; draws confined to a corner of the cone would hide its size.
+    Only nonnegative parameters that are coefficients by themselves are kept at zero or above. H is the information
+    (r, r) of the coefficients; `model_error_covariance` is the covariance (r, r) of e.
 
     With stated constraints, new draws are made that satisfy them.
     """

@@ -310,7 +310,7 @@ def _constants(target: Target, normal_equations: NormalEquations, labels: Labels
 @one_at_a_time
 def write(kept: xarray.DataTree, path: Path | str) -> None:
     """Writes compressed netCDF; replaces an existing file."""
-    packed = {"zlib": True, "complevel": 4, "shuffle": True}  # without shuffling, floats hardly shrink
+    packed = {"zlib": True, "complevel": 4, "shuffle": True}  # shuffling is needed for the compression of floats
     encoding = {
         group: {
             name: {"_FillValue": None, **(packed if variable.size > 1 else {})}

@@ -46,7 +46,7 @@ class Sampling:
         per_walker: the same for each walker, on average.
         budget: nominal seconds of work, about those of an idle machine, including warm-up, diagnostics and the masses
             of several modes. Each mode gets a few sweeps and its mass, however small the budget.
-        time_limit: wall-clock seconds; the result says if it ended the run.
+        time_limit: wall-clock seconds (`Draws.timed_out`).
         rng: a seed, a generator that draws one, or None for a new one each time. Unless the time limit ends the run,
             the draws depend on nothing else.
         mode: number of the mode whose mean becomes the model, from 1, the heaviest.
@@ -277,7 +277,7 @@ def sample(
 def nominal_sweep(target: Target, walkers: int) -> float:
     """Nominal seconds of a sweep: P lines cut by the cone, and a sign for each of S blocks.
 
-    Prices were fitted by hand on logs of a UR10e, a TX40 and a Panda. On other machines a budget takes another time,
+    The prices approximate times on logs of a UR10e, a TX40 and a Panda. On other machines a budget takes another time,
     but gives the same result.
     """
     parameters, (blocks, coefficients) = target.n_parameters, target.likelihood.gradient.shape

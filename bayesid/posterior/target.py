@@ -124,7 +124,7 @@ def make_prior(
     """The prior of a model's P parameters.
 
     The likelihood's H_j and c_j set the sizes of friction, rotor inertia and offsets. For parameters that this log does
-    not show, the information of an earlier log does, although it is no part of the prior.
+    not show, the information of an earlier log sets them, although it is not part of the prior.
     """
     mean, sd = np.zeros(cone.size), _sizes(likelihood, information)
     for body in cone.bodies:

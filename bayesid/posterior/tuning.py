@@ -16,7 +16,7 @@ class Tuning:
     # prior
     log_scale_sd: float = 0.5
     """Prior sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Chosen; it
-    hardly matters, as a log determines this logarithm to 1 / sqrt(2 n_j)."""
+    matters little, as a log determines this logarithm to 1 / sqrt(2 n_j)."""
     least_noise: float = 1e-3
     """Least noise of an effort, over its RMS."""
     link_reach: float = 0.25

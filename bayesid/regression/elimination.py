@@ -126,7 +126,7 @@ def _at(rows: Array, v: int, limit: Array) -> Array:
 def _least_number(rows: Array, v: int, upper: Array, lower: Array) -> list[Block]:
     """|x| <= t (d, n) without a variable in one component x_k only.
 
-    x_k may range from -r to r, where r^2 is t^2 less the squares of the other components. So r must be at least the
+    x_k may range from -r to r, where r^2 is t^2 minus the squares of the other components. So r must be at least the
     smallest |x_k| that the variable's limits allow.
     """
     (place,) = np.nonzero(counts(rows[:, v], rows))

@@ -307,7 +307,7 @@ _REMEDY = "give lines name,mean,sd, with names as in parameters.csv"
 def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of named parameters from a CSV file with the columns name, mean and sd.
 
-    Lines without an sd are skipped, so that parameters.csv of an earlier result can be used as it is.
+    Lines without an sd are skipped, so that parameters.csv of an earlier result can be used unchanged.
 
     Raises:
         InputError: the file cannot be read or holds unexpected content.

@@ -46,7 +46,7 @@ _VERDICTS: Mapping[str, tuple[State, str]] = {
 
 
 def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
-    """The verdict, with the first thing to do."""
+    """The verdict, with its first remedies."""
     state, text = _VERDICTS.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
     reasons = [check for check in failed(discrepancy_checks(discrepancy)) if check.remedy and check.state != "not done"]
     return Conclusion(state, sentence(state, text), first(reasons))

@@ -298,5 +298,5 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
 
 
 def check_result_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
-    """The folder, if a result may be written there, as `bayesid.files.writing.check_folder` has it."""
+    """The folder of `bayesid.files.writing.check_folder`, if a result may be written there."""
     return check_folder(folder, files, MARKER)

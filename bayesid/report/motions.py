@@ -148,7 +148,7 @@ def _group(flips: JointFlips) -> str:
 
 
 def assessment_text(assessment: ExcitationAssessment) -> str:
-    """A table of the joints, the condition number, and what the log does not determine."""
+    """A table of the joints, the condition number, and coefficients and signs that the log does not determine."""
     flips = assessment.joints
     of_joint = {} if flips is None else dict(zip(flips.groups, flips.resolvability.tolist(), strict=True))
     rows = [
@@ -192,7 +192,7 @@ def assessment_conclusion(assessment: ExcitationAssessment, design: str) -> Conc
 
 
 def check_next_folder(folder: str | Path) -> Path:
-    """The folder, if a next motion may be written there, as `bayesid.files.writing.check_folder` has it."""
+    """The folder of `bayesid.files.writing.check_folder`, if a next motion may be written there."""
     place = check_folder(folder, NEXT_FILES, NEXT_MARKER)
     check_programs(place)
     return place

@@ -36,7 +36,7 @@ class StreamResult:
     rate: float  # Hz
     lag: float  # s
     counts: Counts  # of rows, by what happened to them
-    bad: int  # lines that were no rows
+    bad: int  # unreadable lines
     figures: StreamFigures  # statistics of the whole stream
     alarms: tuple[Alarm, ...]  # at the end
     smoothing: Agreement | None  # agreement with the smoothing of the whole log, if there is one
@@ -109,7 +109,7 @@ def write_summaries(place: Path, result: StreamResult) -> None:
 
 
 def stream_summary(result: StreamResult) -> dict[str, Any]:
-    """stream.json: SI units, joints in order; null where there is no value."""
+    """stream.json: SI units, joints in order; null for unknown values."""
     figures, quantiles = result.figures, {"median": 0.5, "p99_9": 0.999}
     summary = {
         **taken(result, "rate", "lag", "smoothing_status"),

@@ -130,9 +130,9 @@ def model_error_probabilities(sign_solution: SignSolution) -> Array:
     """(n,) probability, per joint, that signs are arbitrary because the model does not fit the robot.
 
     A model with a large correlated error finds wrong signs that fit it, for whole joints. All probabilities given the
-    model follow. This rule of thumb (:eq:`model_error_probability`) uses three things: whether there is a proof, the
-    joint's own correlated error, and that of the worst joint. It is weaker if flipping the joint would need a much
-    larger error. `bayesid study misfit` measures it.
+    model are then wrong too. This rule of thumb (:eq:`model_error_probability`) depends on whether there is a proof, on
+    the joint's correlated error, and on that of the worst joint. The probability is lower if flipping the joint would
+    need a much larger error. `bayesid study misfit` measures it.
     """
     signals, fitted = sign_solution.log_data.signals, sign_solution.log_data.fitted
     square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)

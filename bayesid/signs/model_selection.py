@@ -279,7 +279,7 @@ class _Rounds:
         self._reduced(still_detected(log_data, self.fit, self.probability, self.detected, effects), searching, progress)
 
     def _reduced(self, detected: DetectedEffects, searching: _Searching, progress: Progress) -> None:
-        """Completes the model with fewer effects; signs are updated if they hardly change."""
+        """Completes the model with fewer effects; signs are updated if few of them change."""
         opinion = self.plain
         if detected.keys:
             reduced = searching.under(
@@ -421,8 +421,8 @@ def _summed_out(
 ) -> tuple[AveragedSigns, tuple[TooNarrow, ...]]:
     """The fit with the remaining effects and the geometry marginalised, and intervals that stay too narrow."""
     log_data, fit = averaged.requested.log_data, averaged.fit
-    rest = [hypothesis for hypothesis in detected.screened if hypothesis.key not in entered]
-    nuisance_scales = find_nuisance_scales(log_data, fit, averaged.probability, rest, tolerance)
+    others = [hypothesis for hypothesis in detected.screened if hypothesis.key not in entered]
+    nuisance_scales = find_nuisance_scales(log_data, fit, averaged.probability, others, tolerance)
     log_data = replace(log_data, nuisance=nuisance_scales.nuisance, fitted=averaged.sign_solution.log_data.fitted)
     if nuisance_scales.nuisance is not None:
         fit = widened(fit, log_data, 2.0 * averaged.sign_solution.probability - 1.0)
@@ -436,7 +436,7 @@ def _summed_out(
     of_links = np.any(log_data.coefficients.projection[:, bodies] != 0.0, axis=1)
     off = nuisance_scales.by_geometry
     narrow = () if off is None else geometry_far_off(geometry, off, names, averaged.fit.sd)
-    return summed_out, (*narrow, *too_narrow(nuisance_scales.stood_for, names, fit.sd, of_links))
+    return summed_out, (*narrow, *too_narrow(nuisance_scales.confounded, names, fit.sd, of_links))
 
 
 def _sizes(averaged: AveragedSigns) -> dict[str, float]:

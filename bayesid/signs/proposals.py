@@ -1,10 +1,10 @@
 """Proposals: effects that a poorly fitting model may lack, before signs are known.
 
-Signs found under a poor model fit that model, and hide what it lacks. So every effect is tried with its own signs:
-coefficients and signs are fitted in turn until neither changes. An effect of one joint uses that joint's signs; the
-other joints' efforts give a prior on the common coefficients. An effect of the whole robot, and parameters without
-bounds, use the signs of all joints. Effects with the smallest residual, penalised by their numbers, are proposed. A
-search under each decides.
+Signs found under a poor model fit that model, and hide missing effects. So signs are fitted for every effect anew:
+coefficients and signs in turn until neither changes. For an effect of one joint these are the joint's signs; the other
+joints' efforts give a prior on the common coefficients. For an effect of the whole robot, and for parameters without
+bounds, they are the signs of all joints. Effects with the smallest residual, penalised by the number of their
+parameters, are proposed. A sign search under each of them decides.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class PoorJoint:
 def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Proposal]:
     """The best effects for a joint, each with its own signs, best first; empty if none gains enough.
 
-    The gain is half the fall of the Bayesian information criterion, less the log of the number of forms.
+    The gain is half the fall of the Bayesian information criterion, minus the log of the number of forms.
     """
     plain = poor.rows()
     if not len(plain.magnitude):
@@ -157,7 +157,7 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
 
 
 def _best_form(poor: PoorJoint, without: _Residual, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
-    """The form of the largest gain, in nats, less the log of the number of forms; None for an empty group."""
+    """The form of the largest gain, in nats, minus the log of the number of forms; None for an empty group."""
     fits = []
     for hypothesis in group:
         sensor = hypothesis.source if isinstance(hypothesis.source, SensorDistortion) else None

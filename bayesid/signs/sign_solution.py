@@ -26,7 +26,7 @@ from bayesid.signs.smoothing import sign_probabilities
 from bayesid.signs.tuning import TUNING
 
 _LESS_THAN_HALF = float(np.nextafter(0.5, 0.0))
-"""Probability of a sign that keeps the best assignment's sign although it is no more likely than the other."""
+"""Probability of the best assignment's sign if the other sign is as likely."""
 
 
 @dataclass(frozen=True)
@@ -225,9 +225,9 @@ def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, se
 def _listed(sign_solution: SignSolution) -> list[Alternative]:
     """Assignments close to the best one that differ from it, and from each other, in enough of a joint's energy.
 
-    Odds use unfiltered efforts in their expected signs. A low-pass rounds off |effort| at zero, which looks like
-    negative friction and favours the wrong one of two close assignments. The best assignment keeps a probability of at
-    least one half.
+    Odds use unfiltered efforts in their expected signs. A low-pass rounds off |effort| at zero, which acts as negative
+    friction and favours the wrong one of two close assignments. The best assignment keeps a probability of at least one
+    half.
     """
     segments = sign_solution.signs.fitted
     energy = segments.sums(sign_solution.log_data.signals.effort**2) * (segments.known == 0)
@@ -252,7 +252,7 @@ def _odds(rise: float) -> float:
 
 
 def _flipped_joints(sign_solution: SignSolution, listed: Sequence[Array]) -> list[Alternative]:
-    """Assignments with flipped joints that are as likely with the noise of their own residual.
+    """Assignments with flipped joints that are as likely, each with the noise of its residual.
 
     The search uses the noise of the best assignment. If that is wrong, residuals are correlated and count little, so
     the right one may cost more. Here both sides of a joint have equally many samples, by the shorter autocorrelation

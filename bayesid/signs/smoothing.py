@@ -16,8 +16,8 @@ through b (:eq:`filtered-likelihood`)::
 
     e_i = (h * E|mu + n|)_i + white noise,   P(sign_i = + | b) = P(mu_i + n_i > 0),
 
-with n the noise that the low-pass removed, and b constant over its length. Around a zero crossing e_i hardly depends on
-b, so its own fluctuation there is that of n.
+with n the noise that the low-pass removed, and b constant over its length. Around a zero crossing e_i depends little on
+b, so its fluctuation there is that of n.
 """
 
 from __future__ import annotations
@@ -131,8 +131,8 @@ def _turns(moves: Mask) -> Array:
 def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
     """(n,) sd of the model's error at standstill, N m: from |effort|, and from the unknown direction of friction.
 
-    A friction reversal hardly changes |effort|. The change of the model's effort between the last sample before a
-    standstill and the first one after it shows its size.
+    A friction reversal changes |effort| little. Its size is the change of the model's effort between the last sample
+    before a standstill and the first one after it.
     """
     mismatch = np.where(moving, 0.0, mismatch)
     seen = np.sqrt((mismatch**2).sum(axis=0) / np.maximum((~moving).sum(axis=0), 1))

@@ -166,7 +166,7 @@ def test_what_cannot_be_shown(place, refused):
     refused(*show, "kr5", "--q", "1,2", says=["--q: holds 2 positions, kuka_kr5_sixx_r650 has 6 joints"])
     refused(*show, "kr5", "--q", "0,-90,90,0,0,0", says=["looks like degrees", "--degrees"])
     refused(*show, "kr5", "--q", "0,0,0,0,0,x", says=["is not a list of numbers"])
-    refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture", ".png"])
+    refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is not a picture", ".png"])
     refused(*show, "kr5", "--out", ".", says=["is a folder"])
     refused(*show, says=["robot"])
     assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0

@@ -119,7 +119,7 @@ def still_detected(
 ) -> DetectedEffects:
     """The detected effects that remain if the shape of dry friction near standstill is unknown.
 
-    The probability (N, n) is P(sign = +), found with the effects; those in `without` are left out.
+    The probability (N, n) is P(sign = +), found with the effects; those in `without` are removed.
     """
     kept = [effect.source for effect in detected.effects if effect.key not in without]
     remaining = confirmed(log_data, fit, probability, kept)
@@ -225,7 +225,7 @@ class SignedLog:
         return forms
 
     def made(self, effects: Sequence[Effect]) -> list[Hypothesis]:
-        """Hypotheses of effects on the log; distortions last, ineffective ones left out."""
+        """Hypotheses of effects on the log, without ineffective ones; distortions last."""
         made = (self._make(effect) for effect in effects)
         return sorted((h for h in made if h.columns.joints), key=lambda hypothesis: not hypothesis.source.linear)
 

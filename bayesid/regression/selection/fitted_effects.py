@@ -168,7 +168,7 @@ class FittedEffects:
     sd: tuple[Array, ...]  #: of the amplitudes
     residual: Array  #: (N, n) N m, zero where not used
     judged: tuple[JudgedJoint, ...]  #: residuals by joint
-    #: log prior density of coefficients and amplitudes, less the log volume of what the data leave open
+    #: log prior density of coefficients and amplitudes, minus the log of their posterior volume
     log_prior: float
     #: R with R'R = H^-1, in the order of coefficients, uncertain columns and amplitudes
     root: Array = field(repr=False)

@@ -183,7 +183,7 @@ def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Arra
 def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Columns:
     """Error of a model's dry friction near reversals, where its shape is unknown.
 
-    A term smooths the reversal as tanh(u' / v), with v the speed below which a log hardly shows the direction. A sharp
+    A term smooths the reversal as tanh(u' / v), with v the speed below which a log does not show the direction. A sharp
     reversal differs from it by tanh(k u' / v) - tanh(u' / v), up to one half at speeds about v. With little noise that
     is enough to imitate an effect at low speed (study `complete`, 8 bit). RMS efforts (n,), N m, over the used samples
     (N, n) give the amplitudes' prior.

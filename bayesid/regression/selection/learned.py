@@ -79,7 +79,7 @@ class Form:
 class Learned:
     """A function that may explain the residual of a joint.
 
-    The gain is the log Bayes factor for adding it, averaged over its forms, less the penalty for multiple comparisons.
+    The gain is the log Bayes factor for adding it, averaged over its forms, minus the penalty for multiple comparisons.
     """
 
     form: Form

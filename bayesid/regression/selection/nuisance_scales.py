@@ -7,13 +7,13 @@ the largest likelihood, with all amplitudes and coefficients integrated out (Mac
     s^2  <-  |mu|^2 / (p - tr(Sigma) / s^2 + h),
 
 with mu, Sigma the amplitudes' posterior in units of their usual size. h is the weight of a prior that most effects are
-absent; an effect that the log cannot show vanishes. Errors of the geometry exist in any robot. Their prior is about the
-usual size, and the posterior mean is used (:eq:`relevance-there`)::
+absent; the scale of an effect without evidence becomes zero. Errors of the geometry exist in any robot, so their scale
+has a prior about the usual size, and its posterior mean is used (:eq:`relevance-there`)::
 
     s^2 = E[s^2 | log],   p(s) ~ (1 + s^2 / 2)^(-5/2) before it: Student's t, E[s^2] = 1.
 
-Intervals are too narrow (`TooNarrow`) if an effect is confounded with coefficients: a counterbalance that balances
-gravity well looks like gravity. If the geometry is far from its table, its derivatives are too inaccurate.
+Intervals are too narrow (`TooNarrow`) if an effect is confounded with coefficients, as a good counterbalance is with
+gravity, or if the geometry differs so much from its table that its derivatives are inaccurate.
 """
 
 from __future__ import annotations
@@ -42,38 +42,38 @@ from bayesid.regression.tuning import TUNING
 class NuisanceScales:
     """Effects that cannot be excluded."""
 
-    nuisance: Nuisance | None = None  #: their effect on the coefficients; None if there is none
-    #: effects partly confounded with the model's columns: (r,) bias of the coefficients if the effect has its usual
-    #: size. The nuisance does not include that part, as the log cannot show it
-    stood_for: tuple[tuple[EffectKey, Array], ...] = ()
+    nuisance: Nuisance | None = None  #: their effect on the coefficients, if any
+    #: effects partly confounded with the model's columns, each with the (r,) bias of the coefficients for an effect of
+    #: usual size. The nuisance does not include this part, as the log cannot show it
+    confounded: tuple[tuple[EffectKey, Array], ...] = ()
     by_geometry: Array | None = None  #: (r,) sd of the coefficients by the geometry alone; None if it is exact
 
 
 def find_nuisance_scales(
-    log_data: LogData, fit: Fit, probability: Array, rest: Sequence[Hypothesis], tolerance: KinematicTolerance
+    log_data: LogData, fit: Fit, probability: Array, others: Sequence[Hypothesis], tolerance: KinematicTolerance
 ) -> NuisanceScales:
     """Effects that cannot be excluded, each of the likeliest size, and the geometry's tolerance.
 
-    They are the effects that did not enter the model fitted to a log with P(sign = +) (N, n). The scale of the
-    tolerance may grow, and shrink unless a user stated it.
+    They are effects outside of a model that was fitted to a log with P(sign = +) (N, n). The fitted tolerance may be
+    larger than the given one, and smaller unless a user stated it.
     """
     case = SignedLog.of(log_data, fit, probability)
     geometry = Hypothesis(Geometry(), case.modelled.geometry(tolerance), _no_other_form)
-    groups = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
+    groups = [*others, *([geometry] if len(geometry.columns.sd) else [])]
     if not groups:
         return NuisanceScales()
     regression = Regression(case.data, groups, explain(case.data, ()).errors)
     always = {id(geometry): float(tolerance.stated)}
     relevance, free = learn_scales(regression, always), len(log_data.coefficients)
     moves = inverse_of(regression.hessian[:free, :free]) @ regression.hessian[:free]
-    stood_for = tuple(
+    confounded = tuple(
         (group.key, np.linalg.norm(moves[:, regression.place(group)] @ directions, axis=1))
-        for group, directions in zip(groups, relevance.stood_for, strict=True)
+        for group, directions in zip(groups, relevance.confounded, strict=True)
         if directions.size
     )
     kept = relevance.scales > 0.0
     if not kept.any():
-        return NuisanceScales(None, stood_for)
+        return NuisanceScales(None, confounded)
     by_geometry = None
     if geometry is groups[-1]:
         moved, moments = moves[:, regression.place(geometry)], relevance.moments
@@ -92,7 +92,7 @@ def find_nuisance_scales(
         scales=relevance.scales[kept],
         moments=relevance.moments[np.ix_(amplitudes, amplitudes)],
     )
-    return NuisanceScales(nuisance, stood_for, by_geometry)
+    return NuisanceScales(nuisance, confounded, by_geometry)
 
 
 def _no_other_form(source: Effect) -> Hypothesis:
@@ -131,18 +131,18 @@ _SCALES = np.geomspace(1e-3, 1e2, 501)
 class Relevance:
     """Fitted scales of groups of columns."""
 
-    scales: Array  #: of each group, relative to the usual size; 0 if it is left out
+    scales: Array  #: of each group, relative to the usual size; 0 for an omitted group
     turns: tuple[Array, ...]  #: of each group, (p, p') the directions of its amplitudes that are used
-    stood_for: tuple[Array, ...]  #: of each group, (p, p - p') directions confounded with the model's columns
+    confounded: tuple[Array, ...]  #: of each group, (p, p - p') directions confounded with the model's columns
     moments: Array  #: (p', p') second moments of the amplitudes of all groups in these directions, given the log
 
 
 def learn_scales(regression: Regression, always: Mapping[int, float]) -> Relevance:
     """The likeliest scales of a regression's effects, each a group of columns.
 
-    Directions in the span of the model's columns, to within a hundredth of their square, are left out: kinetic friction
-    is confounded with Coulomb friction. This does not apply to groups in `always`, which have a least scale (by the
-    effect's id), 1 if it was stated.
+    Directions of which less than a hundredth (of the square) is outside the span of the model's columns are omitted;
+    kinetic friction, for example, is confounded with Coulomb friction. Groups in `always` keep all directions and have
+    a least scale (by the effect's id), which is 1 if it was stated.
     """
     hessian, gradient, groups = regression.hessian, regression.gradient, regression.effects
     free = regression.data.columns.shape[2]
@@ -159,7 +159,7 @@ def learn_scales(regression: Regression, always: Mapping[int, float]) -> Relevan
             values, vectors = np.linalg.eigh(sd @ residual_gram[at, at] @ sd)
             kept = values > TUNING.own_share * np.einsum("ij,ik,kj->j", vectors, sd @ whole[at, at] @ sd, vectors)
         directions.append((sd @ vectors[:, kept], sd @ vectors[:, ~kept]))
-    turns, stood_for = (tuple(some) for some in zip(*directions, strict=True))
+    turns, confounded = (tuple(some) for some in zip(*directions, strict=True))
     turn = block_diag(*turns)
     reduced, slope = turn.T @ residual_gram @ turn, turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
     owner = np.repeat(np.arange(len(groups)), [residual_gram.shape[1] for residual_gram in turns])
@@ -171,7 +171,7 @@ def learn_scales(regression: Regression, always: Mapping[int, float]) -> Relevan
             scales[k] = max(_expected(reduced, slope, owner == k, scales[owner]), always[id(groups[k])])
     mean, covariance = _amplitudes(reduced, slope, scales[owner])
     spread = covariance * np.outer(scales[owner], scales[owner])
-    return Relevance(scales, turns, stood_for, spread + np.outer(mean, mean))
+    return Relevance(scales, turns, confounded, spread + np.outer(mean, mean))
 
 
 def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, learned: Array) -> Array:
@@ -219,19 +219,19 @@ class TooNarrow:
 
 
 def too_narrow(
-    stood_for: Sequence[tuple[EffectKey, Array]], names: Sequence[str], sd: Array, of_links: Mask
+    confounded: Sequence[tuple[EffectKey, Array]], names: Sequence[str], sd: Array, of_links: Mask
 ) -> tuple[TooNarrow, ...]:
-    """Effects confounded mostly with the links, joint by joint; those of friction are left out.
+    """Effects confounded mostly with the links, joint by joint; effects of friction are omitted.
 
     Args:
-        stood_for: effects and their biases of the r coefficients.
+        confounded: effects and their biases of the r coefficients.
         names: (r,) of the coefficients.
         sd: (r,) their standard deviations.
         of_links: (r,) whether link parameters are part of them.
     """
     moved: dict[tuple[int, ...], tuple[list[str], Array]] = {}
     known = np.isfinite(sd) & (sd > 0.0)
-    for (effect, joints), size in stood_for:
+    for (effect, joints), size in confounded:
         times = np.where(known, size / np.where(known, sd, 1.0), 0.0)
         if times.max(initial=0.0) <= TUNING.moved_coefficient or not of_links[times.argmax()]:
             continue

@@ -10,8 +10,8 @@ is normal about zero with the sd of its effect, restricted to one sign if that i
 at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance).
 The error's own parameters maximise the likelihood. If they exceed the noise floor, each joint costs log N.
 
-All columns are whitened and multiplied once, fold by fold. The gain of a group over others needs its own few columns
-only (:eq:`forward-gain`)::
+All columns are whitened and multiplied once, fold by fold. The gain of a group given others then needs few operations
+(:eq:`forward-gain`)::
 
     gain = q' (Q + L)^-1 q / 2 - log det(1 + L^-1 Q) / 2,   Q = G_cc - G_cS P G_Sc,   q = g_c - G_cS P g_S,
 
@@ -57,8 +57,8 @@ class Regression:
     effects: Effects  #: the groups of columns, linear about their own numbers; sets are chosen from them
     errors: Sequence[ErrorModel]  #: of each joint; they weigh the samples
     uncertain: Columns = NO_COLUMNS  #: further columns of model error, in every set
-    #: whether these may take part in predictions of held-back blocks: evidence distinguishes an offset from a large
-    #: error of the geometry by the prior only, and predictions cannot
+    #: whether predictions of held-back blocks use these too: only the prior distinguishes an offset from a large error
+    #: of the geometry, and predictions do not use it
     predicting: bool = True
     # by joint, cached: products with the shape of the error, columns of the effects, and their transposed filter
     _products: dict[int, tuple[object, Array]] = field(default_factory=dict, repr=False)
@@ -329,7 +329,7 @@ class Regression:
         return integrated(*self.curvature(group), group)
 
     def curvature(self, group: Sequence[Columns]) -> tuple[Array, Array]:
-        """(k, P, P) second derivatives of k effects' gains by their amplitudes at zero, and (k, P) first ones.
+        """(k, P, P) second and (k, P) first derivatives of k effects' gains by their amplitudes, at zero.
 
         All other columns are integrated out. A change is a last amplitude, if any of the effects has one.
         """

@@ -3,11 +3,11 @@
 `best_forms` scores single effects with fixed error models. `assess` refits the error models for the best ones.
 `refined` optimises nonlinear numbers between the library's values.
 
-Adding effects one by one fails if a joint lacks two: the first one added resembles their sum, and slow noise explains
-the rest. So `joint_sets` multiplies all forms of a joint once, with the model's columns eliminated as far as the
-earlier log allows. Pairs are tried exhaustively, larger sets by a beam search. With the products Q of a set's columns,
-q those with the effort, c = y'y of the residual without them, D the amplitudes' prior standard deviations, all in units
-of the floor (:eq:`set-proposal`)::
+Adding effects one by one fails if a joint lacks two effects: the first added effect resembles their sum, and slow noise
+explains the difference. So `joint_sets` multiplies all forms of a joint once, with the model's columns eliminated as
+far as the earlier log allows. All pairs are tried, and larger sets by a beam search. With the products Q of a set's
+columns, q those with the effort, c = y'y of the residual without them, and D the amplitudes' prior standard deviations,
+all in units of the floor (:eq:`set-proposal`)::
 
     log p = - N log(s^2) / 2 - (c - q' (Q + s^2 D^-2)^-1 q) / (2 s^2) - log det(1 + D Q D / s^2) / 2,
 
@@ -159,27 +159,27 @@ def _closer(fitted_effects: FittedEffects, score: Score) -> Score:
 
 
 def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
-    """(n,) relative fall of the mean squared residual, without parts that are small against the floor or the rest."""
+    """(n,) relative fall of the mean squared residual; falls that are small against floor or residual count as zero."""
     return (before - after) / np.maximum(1.0, TUNING.improvement_of_rest / thresholds.improvement * before)
 
 
 def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
     """The scores, best first, but a standard effect before others of its joint that are little better.
 
-    Only with an incomplete floor: no term describes real friction exactly, so a slightly better, more complex effect is
-    not the missing one, whatever its Bayes factor.
+    Only with an incomplete floor: no term describes real friction exactly, so a more complex effect that is slightly
+    better need not be present, whatever its Bayes factor.
     """
     ordered: list[Score] = []
     for score in scores:
         place, blunt = len(ordered), not all(data.sharp[j] for j in score.hypothesis.columns.joints)
         advances = blunt and score.hypothesis.standard and score.qualifies(data.thresholds)
-        while place and advances and _hardly_better(ordered[place - 1], score, data):
+        while place and advances and _little_better(ordered[place - 1], score, data):
             place -= 1
         ordered.insert(place, score)
     return ordered
 
 
-def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
+def _little_better(other: Score, standard: Score, data: Observations) -> bool:
     """Whether another effect of the same joints is not standard, has more numbers, and improves little more."""
     if other.hypothesis.standard or other.hypothesis.joints != standard.hypothesis.joints:
         return False
@@ -202,7 +202,7 @@ def joint_sets(
 ) -> list[tuple[Hypothesis, ...]]:
     """The likeliest sets of one to three different effects of a (0-based) joint, each in its best forms.
 
-    Each size is represented: on a coarse grid a small set looks worse than it is, and another effect seems necessary.
+    Each size is represented: on a coarse grid a small set scores too low, and another effect seems necessary.
 
     Args:
         data: the log.
@@ -276,8 +276,8 @@ class JointForms:
         scale = sd[sets].reshape(len(sets), -1)
         scaled, slope = gram_of_set * scale[:, :, None] * scale[:, None, :], slope.reshape(len(sets), -1) * scale
         eye = np.eye(k * p)
-        rest = energy - (slope * np.linalg.solve(scaled + eye, slope[:, :, None])[:, :, 0]).sum(axis=1)
-        noise = np.maximum(rest / count, 1.0)[:, None, None]
+        remainder = energy - (slope * np.linalg.solve(scaled + eye, slope[:, :, None])[:, :, 0]).sum(axis=1)
+        noise = np.maximum(remainder / count, 1.0)[:, None, None]
         covariance = np.linalg.inv(scaled / noise + eye)
         noise = noise[:, 0, 0]
         mean = np.einsum("kij,kj->ki", covariance, slope) / noise[:, None]

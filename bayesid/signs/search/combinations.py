@@ -46,7 +46,7 @@ def least_costs(problem: Problem) -> Array:
 
 
 def _ends(problem: Problem, share: float) -> list[int]:
-    """Number of segments of each block in its least cost; in a long log the rest is a separate block."""
+    """Number of segments of each block in its least cost; in a long log the others are a separate block."""
     most = problem.tuning.least_group
     lengths = [len(block.segments) for block in problem.blocks]
     strong = [block.strong(share, problem.tuning.listed) for block in problem.blocks]
@@ -101,7 +101,7 @@ class _Level:
     limit: float  # of the cost
     lists: list[Patterns]  # each block's patterns
     least: Array  # (blocks,) lower bounds of the joints' own costs
-    rest: Array  # (blocks,) lower bounds of the cost of the segments that the lists do not decide
+    later: Array  # (blocks,) lower bounds of the cost of the segments that the lists do not decide
 
     @property
     def depth(self) -> int:
@@ -120,13 +120,13 @@ class _Level:
         tikhonov = 0.5 * problem.tuning.undecided_tikhonov / len(problem.blocks) * problem.tikhonov
         ranges = zip(problem.blocks, depths, ends, strict=True)
         rests = [block.after(depth, tikhonov, end) for block, depth, end in ranges]
-        rest = np.array([_least_cost(problem, block) for block in rests]) + _tails(problem, ends)
+        later = np.array([_least_cost(problem, block) for block in rests]) + _tails(problem, ends)
         lists = []
         for i, block in enumerate(problem.blocks):
-            within = limit + problem.slack - float(np.delete(least, i).sum() + rest[i])
-            remainder = Remainder(float(rest[i]), float(least[i]))
+            within = limit + problem.slack - float(np.delete(least, i).sum() + later[i])
+            remainder = Remainder(float(later[i]), float(least[i]))
             lists.append(block.within(within, depths[i], problem.tuning.longest_list, problem.check, remainder))
-        return cls(problem, limit, lists, least, rest)
+        return cls(problem, limit, lists, least, later)
 
     def joined(self, coarser: Combinations | None) -> Combinations | None:
         """All combinations of the lists by unconstrained bounds, within those of a coarser level if given.
@@ -143,7 +143,7 @@ class _Level:
         order = _shortest_first(self.lists)
 
         def within(to_come: list[int]) -> tuple[Keep, float]:
-            highest = self.limit + slack - float(self.least[to_come].sum() + np.delete(self.rest, to_come).sum())
+            highest = self.limit + slack - float(self.least[to_come].sum() + np.delete(self.later, to_come).sum())
 
             def keep(bound: Array) -> Integers:
                 self.problem.check(len(bound))
@@ -157,7 +157,7 @@ class _Level:
 
         if coarser is None:
             joined = combine(self.problem, self.lists, within)
-            lower = joined.bound + self.rest.sum() - slack
+            lower = joined.bound + self.later.sum() - slack
             return Combinations(joined, lower, joined.log_missed + 0.5 * slack, {})
         groups, lowers = [], []
         for row, bound in enumerate(coarser.lower):
@@ -165,7 +165,7 @@ class _Level:
             decided = self.problem.decided(coarser.patterns, row)
             lists = [patterns.beginning_with(decided) for patterns in self.lists]
             groups.append(combine(self.problem, lists, within, order))
-            lowers.append(np.maximum(groups[-1].bound + self.rest.sum() - slack, bound))
+            lowers.append(np.maximum(groups[-1].bound + self.later.sum() - slack, bound))
         joined = stack(groups)
         finer = len(joined.segments) - len(coarser.patterns.segments)
         log_missed = np.logaddexp(joined.log_missed + 0.5 * slack, coarser.log_missed + finer * LOG2)
@@ -183,7 +183,7 @@ class _Level:
         hessian, energy = problem.decided_moments(patterns)
         prepared = problem.solver.prepared(hessian)
         unconstrained = UnconstrainedBound(hessian + 0.5 * problem.tikhonov, 0.0)
-        rest = float(self.rest.sum())
+        later = float(self.later.sum())
         solved: dict[int, Array] = {}
         remaining = np.flatnonzero(lower <= self.limit)
         waiting = remaining
@@ -195,7 +195,7 @@ class _Level:
             bound = (
                 energy
                 + solution.lower_bound
-                + rest
+                + later
                 - 2.0 * problem.tuning.undecided_tikhonov * float(beta @ problem.tikhonov @ beta)
             )
             steps = patterns.gradient[remaining] - patterns.gradient[row]

@@ -137,8 +137,8 @@ class SearchResult:
     persistent: Mask | None = None
     #: (B, S) segments that each branch decides one by one; a branch includes all signs of the others
     decided: Mask | None = None
-    #: why a proof is no certificate: "tikhonov" if another assignment may have a lower data cost, "noise" if the best
-    #: assignment depends on the noise weights; empty otherwise
+    #: why a proof is not a certificate: "tikhonov" if another assignment may have a lower data cost, "noise" if the
+    #: best assignment depends on the noise weights; empty otherwise
     uncertified_because: str = ""
     tikhonov: float | None = None  #: Tikhonov term in the cost; None with a user's node solver
     pruning: Pruning | None = None  #: of a beam's nodes; None without a beam
