@@ -164,12 +164,7 @@ def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
 
 
 def owner(symbol: str) -> tuple[type[ActuatorTerm], Coefficient]:
-    """The term and the coefficient that have a symbol.
-
-    Example:
-        >>> owner("Fc")[0].name
-        'coulomb_friction'
-    """
+    """The term and the coefficient that have a symbol."""
     kinds = [kind for kind in forms().values() if issubclass(kind, ActuatorTerm)]
     return next((kind, found) for kind in kinds for found in kind.coefficients if found.symbol == symbol)
 

@@ -251,7 +251,7 @@ class Effect:
         raise NotImplementedError
 
     def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
-        """The same for the (0-based) joints that it acts on: (N,) change where there is one, (N, p) derivatives."""
+        """The same for the (0-based) joints that it acts on: (N,) change if any, (N, p) derivatives."""
         shift, columns = self.change(scene)
         acting = [j for j in range(scene.robot.n_joints) if np.any(columns[:, j]) or np.any(shift[:, j])]
         shifts = {j: shift[:, j] for j in acting if np.any(shift[:, j])}

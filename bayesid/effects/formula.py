@@ -13,7 +13,7 @@ from bayesid.effects.axes import Axis, Component, Family, Quantity, products
 from bayesid.effects.tuning import TUNING
 
 Shape = tuple[float, list[tuple[str, Array]]]
-"""Multiple of the variable in a sine, 0 where there is none, and the texts and columns that are added to it."""
+"""Multiple of the variable in a sine, 0 without a sine, and the texts and columns that are added."""
 _WORDS = {
     Quantity.POSITION: ("q", "position"),
     Quantity.VELOCITY: ("dq", "speed"),

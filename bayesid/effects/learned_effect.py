@@ -26,7 +26,7 @@ def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> C
     Args:
         robot: the robot.
         motion: N samples of its joints.
-        links: (10 n,) parameters of the rigid bodies that make the load; may be empty where no variable is a load.
+        links: (10 n,) parameters of the rigid bodies that make the load; may be empty if no variable is a load.
     """
     actuators = robot.actuators(motion)
     load = cache(lambda: robot.inverse_dynamics(motion, np.array(links)))
@@ -50,7 +50,7 @@ class LearnedEffect(Term):
         joints: its joint.
         functions: of each function the numbers of its axes, in the order of `bayesid.effects.axes.Axis`, and the rows
             of its weights, as `bayesid.effects.axes.Component` has them.
-        links: (10 n,) parameters of the rigid bodies that make the load, or none where no variable is a load.
+        links: (10 n,) parameters of the rigid bodies that make the load, or none if no variable is a load.
         number: (1,) counts the learned effects of the joint, from 1.
     """
 

@@ -41,7 +41,7 @@ class Tuning:
     usual_speed: float = 80.0
     """Percentile of the speeds that counts as usual. Halving it changes the effects found on UR10e (`ablation`)."""
     stribeck_slow: float = 10.0
-    """Stribeck speed over standstill speed where it is not fitted to a log; standstill is 1 % of the highest speed."""
+    """Stribeck speed over standstill speed if it is not fitted to a log; standstill is 1 % of the highest speed."""
     stribeck_speeds: tuple[float, ...] = (0.035, 0.06, 0.1, 0.17, 0.3)
     """Stribeck speeds, as shares of the joint's highest speed, each 1.7 times the last; refined in between."""
     knees: tuple[float, ...] = (0.1, 0.2, 0.4, 0.7)

@@ -32,7 +32,7 @@ class Fault:
     joint: int  #: 0-based; -1 for all joints
     reading: str  #: "position", "velocity" or "effort"; "row" for all of these
     kind: str  #: "outlier", "zero", "held", or "foreign": a velocity that is not the derivative of the position
-    rows: Integers  #: (K,) faulty rows, ascending; empty where they were dropped
+    rows: Integers  #: (K,) faulty rows, ascending; empty if they were dropped
     start: Array  #: (M,) start of each stretch, s
     seconds: float  #: total duration, s
 

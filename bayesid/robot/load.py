@@ -66,7 +66,7 @@ def load_robot(
         source: name, file, or content of a DH file: `name`, `convention` ("standard" or "modified"), `joints` (each
             with a, alpha, d, theta; m and rad; optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N),
             optional `gravity` (m/s^2) and `transmission`. Names of example-robot-data and of robot_descriptions are
-            known where these are installed.
+            known if these are installed.
         tip: for a URDF: link or joint at the end of the identified chain; all other joints are held. By default all
             chains are identified, but not grippers.
         hold: for a URDF: positions of further held joints, rad or m, by name.

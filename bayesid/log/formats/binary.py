@@ -39,7 +39,6 @@ class ParquetFile(Format):
     options = frozenset({"columns"})
 
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log."""
         try:
             import pyarrow
             from pyarrow import parquet
@@ -71,7 +70,6 @@ class MatlabFile(Format):
     order = 1
 
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log."""
         with path.open("rb") as file:
             load = _load_hdf5 if file.read(10) == b"MATLAB 7.3" else _load_matlab
         try:

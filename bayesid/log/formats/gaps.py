@@ -19,7 +19,7 @@ from bayesid.number_text import percent
 def without_gaps(table: Table, options: Options) -> Table:
     """A table of complete rows: the others are dropped and counted, or joined by time if they alternate.
 
-    InputError where too few rows are complete.
+    InputError if too few rows are complete.
     """
     table = _without_unread(table)
     missing = {name: np.isnan(column.values) for name, column in table.columns.items()}

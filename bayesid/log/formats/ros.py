@@ -53,7 +53,6 @@ class RosBag(Format):
     options = frozenset({"topic", "joints"})
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether it is a bag's folder, or one of its files."""
         files = (file for ending in ("mcap", "db3") for file in path.glob(f"*.{ending}"))
         return self.is_folder(path) or head.startswith(self.magic) or any(files)
 
@@ -62,7 +61,6 @@ class RosBag(Format):
         return (path / "metadata.yaml").is_file()
 
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log."""
         if path.is_dir() and not self.is_folder(path):
             remedy = "run `ros2 bag reindex` on it, or give the file inside"
             raise InputError("is a bag without its metadata.yaml", str(path), remedy)

@@ -26,11 +26,9 @@ class RsiStream(Format):
     options: ClassVar[frozenset[str]] = frozenset({"columns"})
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether it begins with a packet."""
         return re.match(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?<Rob\b", head) is not None
 
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log."""
         if path.stat().st_size > MOST_UNPACKED:
             raise InputError(f"is longer than {MOST_UNPACKED >> 30} GiB", str(path), "cut it into shorter logs")
         packets = [_numbers(found[1]) for found in _PACKET.finditer(path.read_text("utf-8", "replace"))]

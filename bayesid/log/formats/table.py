@@ -21,7 +21,7 @@ DIRECTION = "dir"  # kind of the columns that hold the directions of efforts bes
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of reading beside the path; None where not given."""
+    """Reading options besides the path; None if not given."""
 
     topic: str | None = None  #: the one to read, of several
     joints: Sequence[str] | None = None  #: names from base to tip

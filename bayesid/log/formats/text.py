@@ -90,11 +90,9 @@ class CsvFile(Format):
     order = 2
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Always."""
         return True
 
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log."""
         try:
             layout = layout_of(path)
             selected = select_columns(layout, str(path), options)
