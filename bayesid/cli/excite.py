@@ -55,7 +55,7 @@ from bayesid.report.motions import (
 from bayesid.report.report_data import read_report_data
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
-from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
+from bayesid.simulation.trajectories import MotionLimits
 
 _IDENTIFY = "bayesid", "identify"
 
@@ -231,8 +231,8 @@ def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel)
 
 def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
     urdf = None if robot.origin is None else robot.origin.urdf
-    of_robot = None if urdf is None else read_limits(urdf, robot)
-    return of_robot if options.limits is None else read_limits(options.limits, robot, of_robot or INDUSTRIAL_ARM)
+    source = options.limits or urdf
+    return None if source is None else read_limits(source, robot, urdf)
 
 
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:

@@ -13,8 +13,8 @@ or jerk; they have the defaults too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields, replace
+from collections.abc import Collection, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -30,30 +30,32 @@ _KEYS = tuple(field.name for field in fields(MotionLimits))
 _REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number per joint"
 
 
-def read_limits(path: str | Path, robot: Robot | None = None, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
+def read_limits(path: str | Path, robot: Robot | None = None, urdf: Path | None = None) -> MotionLimits:
     """Limits from a TOML file with the keys lower, upper, velocity, acceleration, jerk and effort, or from a URDF file.
 
     Args:
         path: ends in .urdf or .xml for a URDF.
         robot: its joints are found in a URDF by their names. Without a robot, or without names, the URDF must be one
             chain.
-        default: limits for keys that a TOML file lacks.
+        urdf: gives the limits that a TOML file lacks.
 
     Raises:
         InputError: the file cannot be read, or its limits cannot be used.
     """
-    path = Path(path)
-    text = read_source(path, _REMEDY)
+    path, stated = Path(path), dict[str, Any]()
     if path.suffix in (".urdf", ".xml"):
-        return _urdf_limits(text, robot, str(path))
-    return _of_table(toml_of(text, str(path), _REMEDY), str(path), default)
+        urdf = path
+    else:
+        stated = _checked(toml_of(read_source(path, _REMEDY), str(path), _REMEDY), str(path))
+    of_urdf = {} if urdf is None else _urdf_limits(read_source(urdf, _REMEDY), robot, str(urdf), stated.keys())
+    return _made(of_urdf | stated, str(path))
 
 
-def _of_table(table: Mapping[str, Any], where: str, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
+def _checked(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
         raise InputError(f"unknown key {unknown[0]!r}", where, _REMEDY)
-    return _made({key: _numbers(value, f"{where}, {key}") for key, value in table.items()}, where, default)
+    return {key: _numbers(value, f"{where}, {key}") for key, value in table.items()}
 
 
 def check_limits(limits: MotionLimits | Mapping[str, Any] | str | Path | None, robot: Robot) -> MotionLimits:
@@ -70,7 +72,7 @@ def check_limits(limits: MotionLimits | Mapping[str, Any] | str | Path | None, r
     if isinstance(limits, str | Path):
         limits = read_limits(limits, robot)
     elif isinstance(limits, Mapping):
-        limits = _of_table(limits, "limits")
+        limits = _made(_checked(limits, "limits"), "limits")
     limits = INDUSTRIAL_ARM if limits is None else limits
     each = {}
     for key in _KEYS:
@@ -90,12 +92,12 @@ def check_between(value: float, least: float, most: float, field: str, unit: str
         raise InputError(f"{value:g} {unit} cannot be used", field=field, remedy=f"give {least:g} to {most:g} {unit}")
 
 
-def _made(table: dict[str, Any], where: str, default: MotionLimits = INDUSTRIAL_ARM) -> MotionLimits:
+def _made(table: dict[str, Any], where: str) -> MotionLimits:
     sizes = sorted({len(value) for value in table.values() if isinstance(value, tuple)})
     if len(sizes) > 1:
         raise InputError(f"lists of {sizes[0]} and of {sizes[-1]} numbers", where, "give one number per joint")
     try:
-        return replace(default, **table)
+        return MotionLimits(**table)
     except ValueError as error:
         raise InputError(str(error), where, _REMEDY) from None
 
@@ -110,7 +112,7 @@ def _numbers(value: object, where: str) -> float | tuple[float, ...]:
 
 
 # ---- URDF ----
-def _urdf_limits(text: str, robot: Robot | None, where: str) -> MotionLimits:
+def _urdf_limits(text: str, robot: Robot | None, where: str, stated: Collection[str]) -> dict[str, Any]:
     tree = read_tree(text, where)
     names = [] if robot is None else [joint.name for joint in robot.joints if joint.name]
     missing = [name for name in names if name not in tree.named]
@@ -121,17 +123,18 @@ def _urdf_limits(text: str, robot: Robot | None, where: str) -> MotionLimits:
         raise InputError("has no moving joint", where, "give a URDF of an arm")
     if not names and any(joint not in tree.path(joints[-1].child) for joint in joints):
         raise InputError("has branches", where, "give the limits in a TOML file")
-    lower, upper, velocity, effort = zip(*(_joint_limits(joint, where) for joint in joints), strict=True)
+    needed = not {"lower", "upper"} <= set(stated)
+    lower, upper, velocity, effort = zip(*(_joint_limits(joint, where, needed=needed) for joint in joints), strict=True)
     limited = {} if not np.isfinite(effort).any() else {"effort": effort}
-    return _made({"lower": lower, "upper": upper, "velocity": velocity, **limited}, where)
+    return {"lower": lower, "upper": upper, "velocity": velocity, **limited}
 
 
-def _joint_limits(joint: UrdfJoint, where: str) -> tuple[float, float, float, float]:
+def _joint_limits(joint: UrdfJoint, where: str, *, needed: bool) -> tuple[float, float, float, float]:
     """Lower, upper, velocity and effort; defaults if the file lacks them or the joint is continuous."""
     lower, upper, velocity = joint.range
     default = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity]).tolist()
     if joint.kind == "continuous" or not 0.0 < upper - lower <= 4.0 * np.pi:
-        if joint.kind == "prismatic":
+        if joint.kind == "prismatic" and needed:
             raise InputError("is prismatic without limits", f"{where}, joint {joint.name}", "give them in a TOML file")
         lower, upper = default[:2]
     velocity = velocity if 0.0 < velocity < LARGEST else default[2]

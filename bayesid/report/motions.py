@@ -116,9 +116,9 @@ def design_text(design: ExcitationDesign) -> str:
         table([*_JOINT, "resolvability"], _joint_rows(design.motion, shares.dq, shares.ddq, resolved)),
         "positions in rad (m for sliding joints), speed and acceleration as shares of their limits;",
         f"{_RESOLVABILITY}, at a noise of {noise}",
-        f"condition number {before.condition:.1f} at the start, {after.condition:.1f} reached",
-        f"noise tolerance of the signs: {percent(before.tolerance, 0)} of the RMS at the start, "
-        f"{percent(after.tolerance, 0)} reached",
+        f"condition number {after.condition:.1f} (best random motion: {before.condition:.1f})",
+        f"noise tolerance of the signs: {percent(after.tolerance, 0)} of the RMS effort "
+        f"(best random motion: {percent(before.tolerance, 0)})",
         f"lowest resolvability: {_group(after.joints)}",
         f"not determined at a noise of {noise}: {len(undecided)} of {len(names)} coefficients, {', '.join(undecided)}"
         if undecided

@@ -38,10 +38,6 @@ def test_limits_from_a_table(tmp_path):
     assert (each.jerk, each.effort, each.acceleration) == ((200.0, 150.5), (80.0, 80.0), (15.0, 15.0))
     with pytest.raises(InputError, match="2 numbers for 'lower'"):
         check_limits(limits, small_robot(3))
-    default = MotionLimits((-1.0, -2.0), (1.0, 2.5), (3.0, 2.0))
-    assert read_limits(table(tmp_path, "effort = [80, 40]\nupper = 2\n"), default=default) == MotionLimits(
-        (-1.0, -2.0), 2.0, (3.0, 2.0), effort=(80.0, 40.0)
-    )
     few = check_limits(read_limits(table(tmp_path, "upper = [1, 2, 3]\n")), small_robot(3))
     feasibility = Feasibility.of(open_known(), few, None)
     assert np.isinf(feasibility.effort).all()
@@ -89,6 +85,13 @@ def test_limits_of_a_urdf_are_read_through_fixed_joints_and_refused_where_it_bra
     )
     with pytest.raises(InputError, match="branches"):
         read_limits(urdf(tmp_path, *joints, joint("d", "revolute", "l1", "l9")))
+    joints[1] = joint("b", "prismatic", "flange", "l2", '<limit velocity="0.2" effort="5"/>')
+    stated = table(tmp_path, "lower = [-2.5, -0.2, -1]\nupper = [1, 0.3, 1]\nacceleration = 8\n")
+    assert read_limits(stated, urdf=urdf(tmp_path, *joints)) == MotionLimits(
+        (-2.5, -0.2, -1.0), (1.0, 0.3, 1.0), (2.1, 0.2, 0.9), 8.0, effort=(9.0, 5.0, 7.0)
+    )
+    with pytest.raises(InputError, match="prismatic without limits"):
+        read_limits(table(tmp_path, "effort = 80\n"), urdf=urdf(tmp_path, *joints))
     unknown = '<limit lower="-1" upper="1" velocity="2" effort="{}"/>'  # as exporters write
     pair = [
         joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}", unknown.format(one)) for k, one in enumerate((0, "1e30", 12.5))
