@@ -37,7 +37,7 @@ OPTIONS = {
 }
 """Options for arguments with other names."""
 _ARGUMENT = re.compile("`([^` ]+)`")
-_WORD = re.compile(r"(?:`[^`]*`|\S)+")
+_WORD = re.compile(r"(?:`[^`]*`|\S)+(?: (?:%|kg|N m|N|s)(?![^\s,.;:)]))?")  # a number stays with its unit
 
 
 class _Console(Console):

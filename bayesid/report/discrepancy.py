@@ -104,7 +104,7 @@ def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     assert refused.description is not None
     learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
     message = f"{learned} was not added: {data_in_words(discrepancy)} did not confirm it"
-    return Check("Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show it")
+    return Check("Effect without a name", "look", message, f"{refused.hypothesis.source.shown_by} would show it")
 
 
 def below_zero(added: AddedEffect) -> list[str]:
@@ -281,14 +281,14 @@ def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
 
 
 def _change(added: AddedEffect, n: int) -> str:
-    """Such as Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m."""
+    """Such as: It has changed: 9.1 -> 7.3 +- 0.5 N m."""
     source, numbers = added.hypothesis.source, _numbers(added, n)
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
     changes = [number for name, number in added.parameters.items() if name.startswith(CHANGE_OF)]
     insignificant = changes and all(abs(change) < NORMAL_95 * sd for change, sd, _ in changes)  # no for nan
     verb = "has not changed significantly" if insignificant else "has changed"
-    return f"{upper(label(source.name, added.joints))}, {verb}{f': {listed(parts)}' if parts else ''}."
+    return f"It {verb}{f': {listed(parts)}' if parts else ''}."
 
 
 # ---- discrepancy.json ----

@@ -26,6 +26,13 @@ def test_sentences_are_folded_and_commands_stay_whole(capfd):
     assert unfolded("\n".join(rest)).count("line") == 30
 
 
+def test_a_number_stays_with_its_unit_where_a_line_folds(capfd):
+    finish(parse(["demo"]), *(f"{'x' * width} 12 %, 3 N m, end" for width in range(50, 80)))
+    lines = [line.strip() for line in capfd.readouterr().out.splitlines()]
+    assert any(line.startswith("3 N m") for line in lines)
+    assert not any(line.startswith(("%", "N m", "m,")) for line in lines)
+
+
 def test_a_motion_is_judged_with_a_verdict_and_the_next_command(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(ARM)

@@ -85,12 +85,12 @@ FOUND = [
     (
         found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",)),
         "good",
-        ["Coulomb friction, joint 2", "changed", "1.90 -> 2.30 +- 0.10 N m"],
+        ["changed", "1.90 -> 2.30 +- 0.10 N m"],
     ),
     (
         found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (-0.19, 0.1, "N m")}, changes=("Fc2",)),
         "good",
-        ["Coulomb friction, joint 2", "not changed significantly", "2.49 -> 2.30 +- 0.10 N m"],
+        ["not changed significantly", "2.49 -> 2.30 +- 0.10 N m"],
     ),
     (
         found(friction(), FRICTION, equivalent=["viscous_friction", "torque_offset"]),

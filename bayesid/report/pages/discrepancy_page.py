@@ -55,7 +55,7 @@ from bayesid.report.words import best_first, form_label, joints_in_words, label,
 
 _SHOWN_ON = {ON_LOG: "on the log", HELD_BACK: "on the held-back data", GROWN: "gap grew"}
 """Data that show an unexplained joint, in a cell."""
-_WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": "not testable"}
+_WORDS = {"good": "found", "look": "look", "bad": "unexplained", "not done": "not testable"}
 """States of checks."""
 
 
@@ -68,7 +68,7 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         f"{robot}, {log}",
         (discrepancy.status, discrepancy_conclusion(discrepancy).sentence),
         html.lines(in_brief(discrepancy)),
-        [("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
+        [("Robot", robot), ("Log", log), ("Errors on", discrepancy.holdout)],
         discrepancy.warnings,
         _sections(discrepancy),
     )
@@ -98,9 +98,12 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
         unit = unit_of(discrepancy, joint)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
-    caption = f"Gap on {discrepancy.holdout}: RMS residual of both models, the noise floor, and the floor's white part."
-    headings = ["Joint", "Earlier model", "Extended model", "Noise floor", "White noise", "Extended / floor"]
-    headings += ["Floor from", "Remark"]
+    caption = (
+        f"Gap on {discrepancy.holdout}: RMS residual of the model of the earlier log and of the model extended by the "
+        "effects found. Noise floor: the part that no model can explain; white noise: its uncorrelated part."
+    )
+    headings = ["Joint", "Earlier model", "Extended model", "Noise floor", "White noise", "Extended model over floor"]
+    headings += ["Floor estimated from", "Remark"]
     alt = "Bars of the gap of each joint, as in the table, in units of its noise floor."
     drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
     return [html.table(caption, headings, rows), html.figures([drawn])]
@@ -109,9 +112,12 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
 def _found(discrepancy: Discrepancy) -> list[Markup]:
     if not discrepancy.added:
         return [html.paragraph("No effect was added.")]
-    caption = "Effects that were added, in this order; Bayes factors and probabilities given all others."
-    headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "No effect"]
-    headings += ["Another effect", "Could also be", "Motion that distinguishes"]
+    caption = (
+        "Effects that were added, in this order, each given all others. A log10 Bayes factor of 2: the log is 100 "
+        "times likelier with the effect. Fits equally well: an effect that this log cannot distinguish from it."
+    )
+    headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability of it", "Of no effect"]
+    headings += ["Of another effect", "Fits equally well", "Motion that distinguishes"]
     parts = [html.table(caption, headings, map(_added, discrepancy.added))]
     pictures = []
     for effect in discrepancy.added:
@@ -126,8 +132,8 @@ def _found(discrepancy: Discrepancy) -> list[Markup]:
             f"Size of each effect on {discrepancy.holdout}: its effort, and the RMS error without it (the others "
             "fitted again) and with it, each in the joint where it is largest."
         )
-        headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error without it"]
-        headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
+        headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest effort, share", "Error without it"]
+        headings += ["Share of RMS effort", "Error with it", "Share of RMS effort"]
         parts.append(html.table(caption, headings, sizes))
     sets = [(set_in_words(each), html.probability(each.probability)) for each in listed_sets(discrepancy)]
     if len(sets) > 1:

@@ -191,7 +191,8 @@ def _gains(findings: ReportData) -> list[Markup]:
     rows = gain_rows(findings.summary)
     caption = (
         "Estimated gains, with their common factor (check Gains). Decided by data: the log reduces the variance of "
-        "this gain's ratio to the others to at most a tenth of the stated one."
+        "this gain's ratio to the others to at most a tenth of the stated one. To a factor: one standard deviation of "
+        "the logarithm."
     )
     return [html.table(caption, list(map(upper, GAIN_HEADINGS)), rows)] if rows else []
 
