@@ -48,10 +48,10 @@ from bayesid.posterior.tuning import TUNING
 from bayesid.progress import SILENT
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.regression.stated import ConstraintFunction, constraints_of
-from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
+from bayesid.studies.simulated import two_joint_arm
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
 """Of the simulated arm."""
@@ -100,7 +100,7 @@ def weigh(
     """
     posterior = _posterior_of(result, alternatives)
     sampling = posterior.sampling if sampling is None else sampling
-    cones = [_cone_of(result, name, says) for name, says in alternatives.items()]
+    cones = [_cone_of(result, name, constraint) for name, constraint in alternatives.items()]
     priors = [_divided(name, posterior.target.prior, cone) for name, cone in zip(alternatives, cones, strict=True)]
     least = _modes(result, posterior.target, result.model.cone)[1]
     costs, every, masses, before = [], [], [], []
@@ -143,9 +143,9 @@ def _posterior_of(result: Identification, alternatives: Mapping[str, ConstraintF
     return posterior
 
 
-def _cone_of(result: Identification, name: str, says: ConstraintFunction) -> Cone:
+def _cone_of(result: Identification, name: str, constraint: ConstraintFunction) -> Cone:
     """The cone of the model with the constraints of the result and of one alternative."""
-    stated, cone = constraints_of(says, result.model), result.model.cone
+    stated, cone = constraints_of(constraint, result.model), result.model.cone
     if stated is None:
         raise InputError("it has no constraint", f"alternative {name!r}", "give it a constraint")
     if len(stated.equal):
@@ -224,9 +224,7 @@ def shown(alternatives: Sequence[Alternative]) -> str:
 
 def simulated() -> tuple[Model, Array, Log]:
     """An arm of two links on a vertical axis, its parameters, and its log with hidden signs."""
-    lower = {"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}
-    upper = {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}
-    robot = robot_from_table({"name": "arm", "convention": "standard", "joints": [lower, upper]}, "arm")
+    robot = two_joint_arm()
     motion = random_trajectory(2, duration=6.0, rng=4, harmonics=3).motion(np.arange(301) / 50.0)
     model = Model(robot, make_terms(TERMS, robot, motion))
     rng = np.random.default_rng(1)

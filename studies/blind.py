@@ -804,10 +804,6 @@ class Truth:
     def log_signs(self):
         return np.sign(self.log_efforts)
 
-    @property
-    def holdout_signs(self):
-        return np.sign(self.holdout_efforts)
-
 
 ARRAYS = ("noise", "log_efforts", "holdout_efforts", "floor")
 

@@ -50,7 +50,7 @@ class Form(NamedTuple):
 
     quantities: Callable[[Values], Array]  #: (N, k) of draws
     quantiles: tuple[float, float]
-    says: Callable[[StatedParameters, Array, Array], list[Any]]  #: low <= quantities <= high, (k,) each
+    constraints: Callable[[StatedParameters, Array, Array], list[Any]]  #: low <= quantities <= high, (k,) each
 
 
 def _moment(values: Values, link: int) -> Array:
@@ -107,15 +107,15 @@ def _identified(log: str, seed: int) -> Identification:
     return _identify(log, seed, None)
 
 
-def _identify(log: str, seed: int, says: ConstraintFunction | None) -> Identification:
-    budget = _BUDGETS["free" if says is None else "constrained"]
+def _identify(log: str, seed: int, constraints: ConstraintFunction | None) -> Identification:
+    budget = _BUDGETS["free" if constraints is None else "constrained"]
     sampling = Sampling(budget=budget, min_ess=1e9, time_limit=3600.0, rng=seed)  # all of the budget
     if log == REAL:
         robot, data = load_robot(real.DATA / "ur10e" / "robot.toml"), read_log(real.DATA / f"{REAL}.csv").rectified()
     else:
         robot = load_robot(log)
         data, _ = simulate_log(robot, duration=10.0, rate=50.0, noise=0.05, effects=[], seed=seed)
-    return identify(robot, data, complete="off", posterior=sampling, constraints=says)
+    return identify(robot, data, complete="off", posterior=sampling, constraints=constraints)
 
 
 def trial(scenario: Scenario, seed: int) -> Row:
@@ -127,7 +127,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     low, high = np.quantile(quantities, form.quantiles, axis=0)
     low = np.where(form.quantiles[0] > 0.0, low, -np.inf)
     kept = np.all((low <= quantities) & (quantities <= high), axis=1).reshape(every.shape[:2])
-    constrained = _identify(scenario.log, seed, lambda p: form.says(p, low, high))
+    constrained = _identify(scenario.log, seed, lambda p: form.constraints(p, low, high))
     stated = constrained.model.cone.stated
     assert stated is not None
     filtered, drawn = moments(every, kept), moments(_draws(constrained))

@@ -104,9 +104,9 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """The log without and with constraints, and gaps of bounds with them."""
     folder = Path(scenario.folder)
     log, seconds, results = read_log(folder / f"{scenario.log}.csv"), [], []
-    for says in (None, published, None, published):  # the first of each loads modules
-        began = sum(os.times()[:4])
-        results.append(identify(folder / "robot.toml", log.rectified(), constraints=says, posterior=Sampling(rng=seed)))
+    for stated in (None, published, None, published):  # the first of each loads modules
+        began, sampling = sum(os.times()[:4]), Sampling(rng=seed)
+        results.append(identify(folder / "robot.toml", log.rectified(), constraints=stated, posterior=sampling))
         seconds.append(sum(os.times()[:4]) - began)
     without, with_them = (figures(result, log) for result in results[2:])
     open_sd = sd_of_open_parameters(results[2:])

@@ -44,17 +44,18 @@ SIZES = (0.5, 1.0, 2.0, 3.0, 5.0, 10.01)
 """Edges of the size classes."""
 
 
-def generator(study: str = "discrepancy") -> ModuleType:
-    """The generator `bayesid.studies.blind`.
+def generator(study: str = "discrepancy", name: str = "blind") -> ModuleType:
+    """A generator of simulated cases, `bayesid.studies.blind` or a module built on it.
 
     Args:
         study: name of the calling study, for the message.
+        name: of the module.
 
     Raises:
         InputError: MuJoCo is not installed.
     """
     try:
-        return import_module("bayesid.studies.blind")
+        return import_module(f"bayesid.studies.{name}")
     except ModuleNotFoundError as error:
         raise InputError(f"needs {error.name}", f"study {study}", "pip install 'bayesid[studies]'") from None
 

@@ -55,15 +55,8 @@ _MOST_GAP, _WIDE_GAP = 1.2, 1.5
 
 
 def sets() -> ModuleType:
-    """The generator `bayesid.studies.blind_sets`.
-
-    Raises:
-        InputError: MuJoCo is not installed.
-    """
-    generator("discrepancy_sets")
-    from bayesid.studies import blind_sets
-
-    return blind_sets
+    """The generator `bayesid.studies.blind_sets`; see `generator`."""
+    return generator("discrepancy_sets", "blind_sets")
 
 
 @dataclass(frozen=True)
@@ -132,7 +125,6 @@ def more_scores(result: Discrepancy, truth: Any) -> Row:
             all(is_right(added, *effect) for added, effect in zip(order, hidden, strict=True))
             for order in permutations(named, len(hidden))
         ),
-        "true_size": truth.size,
         "truth": json.dumps(true),
         "variables": json.dumps(learned),
         "right_variables": bool(true) and in_joint == [sorted(true[0].get("variables", ("none",)))],

@@ -115,7 +115,6 @@ def _of_gains(gains: IdentifiedGains) -> Row:
     return {
         "by_data": int(by_data.sum()),
         "ratio_error": float(np.median(error[by_data])) if by_data.any() else None,
-        "ratio_error_worst": float(error[by_data].max()) if by_data.any() else None,
         "inside": int(inside[by_data].sum()),
         "by_prior": int((~by_data).sum()),
         "by_prior_inside": int(inside[~by_data].sum()),

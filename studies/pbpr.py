@@ -118,27 +118,27 @@ def make_bounds(
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SquaredError:
-    """phi(theta) = |factor theta - target|^2 + rest, the objective of PBPR (:eq:`pbpr-error`).
+    """phi(theta) = |factor theta - target|^2 + constant, the objective of PBPR (:eq:`pbpr-error`).
 
     Attributes:
         factor: (k, P).
         target: (k,).
-        rest: the part that no parameters explain.
+        constant: the part that no parameters explain.
     """
 
     factor: Array
     target: Array
-    rest: float
+    constant: float
 
     def __call__(self, theta: Array) -> float:
         """The value of phi at theta (P,)."""
         error = self.factor @ theta - self.target
-        return float(error @ error + self.rest)
+        return float(error @ error + self.constant)
 
     @property
     def size(self) -> float:
         """phi(0), the unit of the penalties; 1 where phi(0) is zero."""
-        return float(self.target @ self.target + self.rest) or 1.0
+        return float(self.target @ self.target + self.constant) or 1.0
 
 
 def coefficient_error(coefficients: BaseCoefficients, beta: Array, weight: Array | None = None) -> SquaredError:

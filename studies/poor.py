@@ -53,15 +53,8 @@ class Scenario:
 
 
 def arms() -> ModuleType:
-    """The generator, `bayesid.studies.poor_arms`.
-
-    Raises:
-        InputError: MuJoCo is not installed.
-    """
-    generator("poor")
-    from bayesid.studies import poor_arms
-
-    return poor_arms
+    """The generator `bayesid.studies.poor_arms`; see `generator`."""
+    return generator("poor", "poor_arms")
 
 
 def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:

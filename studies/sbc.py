@@ -45,11 +45,11 @@ from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target, TruncatedGaussian, make_prior
 from bayesid.regression.knowledge import LinkPrior
 from bayesid.regression.normal_equations import normal_equations
-from bayesid.robot import robot_from_table
 from bayesid.robot.inertia import pseudo_inertia
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.record import Row
+from bayesid.studies.simulated import two_joint_arm
 from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
@@ -114,8 +114,7 @@ class Setting:
 @cache
 def setting() -> Setting:
     """The setting, made once per process."""
-    joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
-    robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
+    robot = two_joint_arm()
     instants = np.repeat(np.arange(0, _SAMPLES, 2), 2) / _RATE
     motion = random_trajectory(2, _SAMPLES / _RATE, rng=4, harmonics=3).motion(instants)
     model = Model(robot, make_terms(STANDARD, robot, motion))

@@ -24,7 +24,7 @@ from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import LinkPrior, ParameterPrior
 from bayesid.regression.noise import relative_rms
-from bayesid.robot import Robot, load_robot
+from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -156,6 +156,13 @@ def make_robot(name: str) -> Robot:
     if robot.transmission is not None:
         raise ValueError(f"the joints of {whole} are coupled")
     return replace(robot, name=name, joints=robot.joints[: int(count)])
+
+
+def two_joint_arm() -> Robot:
+    """A vertical axis and a horizontal one, links of 0.4 and 0.35 m."""
+    rows = ((0.0, np.pi / 2, 0.4), (0.35, 0.0, 0.0))
+    joints = [{"a": a, "alpha": alpha, "d": d, "theta": 0.0} for a, alpha, d in rows]
+    return robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
 
 
 def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajectory:

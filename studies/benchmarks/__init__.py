@@ -1,1 +1,1 @@
-"""Benchmarks: scripts that print what something costs, and beside what else."""
+"""Benchmarks: scripts that print times, memory and comparisons with other methods."""

@@ -25,12 +25,13 @@ from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.robot import load_robot, robot_from_table
+from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified, certified
 from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import FourierTrajectory, random_trajectory
+from bayesid.studies.simulated import two_joint_arm
 
 NOISE = 0.05
 """Relative to each joint's RMS effort, as in the paper's experiment."""
@@ -236,8 +237,7 @@ def simulated_problem(log: Log) -> Searched:
 
 def arm_problem() -> LogProblem:
     """The problem of a simulated arm of two joints, as in docs/pbpr.md."""
-    joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
-    robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
+    robot = two_joint_arm()
     model, rng = Model(robot, (RigidBody(),)), np.random.default_rng(1)
     motion = random_trajectory(2, 4.0, rng=4, harmonics=3).motion(np.arange(201) / 50.0)
     log = simulate(model, random_parameters(model, rng=rng), motion, rng=rng, noise=NOISE)

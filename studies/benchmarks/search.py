@@ -169,11 +169,7 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
         excess,
         wide_seconds,
         proof_seconds,
-        proof.certified,
-        len(proof.branches),
-        proof.missed,
-        proof.nodes,
-        proof.solves,
+        *_work(proof),
         100.0 * determined,
         100.0 * scored,
         again,
@@ -186,6 +182,10 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
         "scored": scored,
         "again": again,
     }
+
+
+def _work(proof: SearchResult) -> tuple[object, ...]:
+    return proof.certified, len(proof.branches), proof.missed, proof.nodes, proof.solves
 
 
 def _beam(problem: LogProblem, width: int) -> SearchResult:
@@ -273,10 +273,10 @@ def pbpr(scale: Scale) -> list[Check]:
     bounds = make_bounds(problem.model, mass=20.0, reach=0.4)
     constraints = (feasible_inertia(), total_mass(10.0, 30.0))
     cone, coefficients = problem.model.cone, problem.coefficients
-    price = AnnealedLeastSquares(cone, coefficients, bounds, problem.energy, constraints, _QUICK)
+    solver = AnnealedLeastSquares(cone, coefficients, bounds, problem.energy, constraints, _QUICK)
     ours, seconds = timed(problem.best)
     width, initial = (1, 2) if scale.short else (5, 5)
-    theirs, slow = timed(lambda: beam(problem.normal_equations, price, width, initial))
+    theirs, slow = timed(lambda: beam(problem.normal_equations, solver, width, initial))
     same = np.array_equal(ours.signs, theirs.signs)
     print(f"two joints, {problem.unknown} segments: best assignment {seconds:.3f} s, cost {ours.cost:.3f};")
     print(f"T-PBPR (w = {width}, s0 = {initial}) with PBPR in its nodes {slow:.1f} s, {theirs.solves} nodes solved;")
@@ -312,17 +312,7 @@ def _size_row(table: Table, log: Log) -> Row:
     problem = simulated_problem(log).problem
     _, best_seconds = timed(problem.best)
     proof, proof_seconds = timed(problem.proof)
-    table.row(
-        f"{log.t[-1]:.1f}",
-        problem.unknown,
-        best_seconds,
-        proof_seconds,
-        proof.certified,
-        len(proof.branches),
-        proof.missed,
-        proof.nodes,
-        proof.solves,
-    )
+    table.row(f"{log.t[-1]:.1f}", problem.unknown, best_seconds, proof_seconds, *_work(proof))
     return {
         "segments": problem.unknown,
         "best_seconds": best_seconds,

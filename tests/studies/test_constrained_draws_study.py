@@ -42,7 +42,7 @@ def test_what_is_stated_holds_exactly_where_the_quantities_lie_between_the_bound
     form = FORMS[name]
     quantities = form.quantities(dict(zip(names, theta.T, strict=True)))
     low, high = np.quantile(quantities, form.quantiles, axis=0)
-    stated = constraints_of(lambda p: form.says(p, low, high), model).of(names)
+    stated = constraints_of(lambda p: form.constraints(p, low, high), model).of(names)
     within = np.all(quantities <= high, axis=1)
     if form.quantiles[0] > 0.0:
         within &= np.all(quantities >= low, axis=1)
