@@ -20,7 +20,7 @@ from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.log.sources import find_logs
 from bayesid.number_text import percent
 from bayesid.regression.tuning import TUNING as REGRESSION
-from bayesid.report.conclusion import Conclusion, conclude
+from bayesid.report.conclusion import conclude
 from bayesid.report.grading import graded
 from bayesid.report.summary import as_object
 
@@ -53,25 +53,27 @@ def floor_command(options: argparse.Namespace) -> None:
     hidden = [str(j) for j, signed in enumerate(result.signed, start=1) if not signed]
     compared = f"{result.seconds:.4g} s of both logs, clock offset {result.shift:.3f} s"
     note = [f"signs are hidden in joints {', '.join(hidden)}: |effort| is compared"] if hidden else []
-    conclusion = conclude(_checks(result), _VERDICTS)
+    checks = _checks(result)
+    steps = [f"written to {options.out}"] if options.out else []
+    steps += _next(options, repeat=checks[0].state == "good", uncertain=log.gains is not None)
     finish(
         options,
         table(headings, rows),
         compared,
         *note,
         "floor: smallest RMS error of any model; compare with `bayesid validate`",
-        conclusion=conclusion,
-        last="; ".join(
-            [*([f"written to {options.out}"] if options.out else []), f"next: {_next(options, conclusion)}"]
-        ),
+        conclusion=conclude(checks, _VERDICTS),
+        last="; ".join(steps),
     )
 
 
-def _next(options: argparse.Namespace, conclusion: Conclusion) -> str:
-    """Identifies both recordings together, or finds what changed between recordings that differ."""
-    command = "discrepancy" if conclusion.state == "bad" else "identify"
+def _next(options: argparse.Namespace, *, repeat: bool, uncertain: bool) -> list[str]:
+    """Identifies both recordings together, or finds what changed between them, which needs exact gains."""
+    if not repeat and uncertain:
+        return []
+    command = "identify" if repeat else "discrepancy"
     logs = [str(options.log), str(options.again)]
-    return shlex.join(["bayesid", command, *logs, *given_robot(options), *given_reading(options)])
+    return [f"next: {shlex.join(['bayesid', command, *logs, *given_robot(options), *given_reading(options)])}"]
 
 
 def _percent(share: float) -> str:
