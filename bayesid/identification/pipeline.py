@@ -160,8 +160,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         signals, segments = _cut(run, model, gains.log)
     completed, result = _by_posterior(run, log, requested, completed, gains)
     if _flipped(result):  # select effects again, with the signs of the posterior
-        search, begun = run.budget(), replace(requested, probability=result.probability)
-        requested = find_signs(model, requested.log_data.signals, found, search, progress, begun=begun)
+        search, start = run.budget(), replace(requested, probability=result.probability)
+        requested = find_signs(model, requested.log_data.signals, found, search, progress, start=start)
         run.lap("search")
         completed = _completed(run, requested, found, search, completing)
         gains.estimate(completed.averaged.requested.log_data, requested.fit.noise, completed.averaged.mixed)

@@ -87,8 +87,8 @@ def chi_square_of(precision: Array, move: Array, which: Mask) -> tuple[float, in
         return 0.0, 0
     scale = scale_of(precision)
     precision, move = precision / np.outer(scale, scale), move * scale
-    across, rest = precision[np.ix_(which, ~which)], precision[np.ix_(~which, ~which)]
-    inverse = np.linalg.pinv(rest, _NO_INFORMATION, hermitian=True)
+    across, others = precision[np.ix_(which, ~which)], precision[np.ix_(~which, ~which)]
+    inverse = np.linalg.pinv(others, _NO_INFORMATION, hermitian=True)
     marginal = precision[np.ix_(which, which)] - across @ inverse @ across.T
     freedom = int((np.linalg.eigvalsh(marginal) > _NO_INFORMATION).sum())
     return float(move[which] @ marginal @ move[which]), freedom

@@ -324,8 +324,8 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
     if clock.timed_out or not sampling.warm_up:
         return moves, halves
     mean = np.concatenate([half.coordinates for half in halves]).mean(axis=0)
-    moves, rest = _moves(target, target.centre(*target.split(mean))), sampling.warm_up - halfway
-    return moves, in_parallel([partial(_move, moves, half, rest) for half in halves])
+    moves, remaining = _moves(target, target.centre(*target.split(mean))), sampling.warm_up - halfway
+    return moves, in_parallel([partial(_move, moves, half, remaining) for half in halves])
 
 
 def _moves(target: Target, centre: Centre) -> InTurn:

@@ -176,9 +176,8 @@ class ConeLeastSquares:
         See :eq:`tikhonov-share`.
         """
         spread = self.projection * self.scale
-        root = solve_triangular(
-            np.linalg.qr(spread.T, mode="r"), np.eye(len(spread))
-        )  # (spread spread')^-1 = root root'
+        # (spread spread')^-1 = root root'
+        root = solve_triangular(np.linalg.qr(spread.T, mode="r"), np.eye(len(spread)))
         return self.tikhonov_weight * (root @ root.T), spread @ self.typical
 
 

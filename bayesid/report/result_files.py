@@ -181,14 +181,14 @@ def write_signed_log(path: Path, log: Log, signals: Signals, probability: Array)
     dq = np.concatenate([_velocities(log, piece) for piece in log.pieces]) if log.pieces else _velocities(log)
     positions, efforts = corrections(as_corrected(log.read_with), log.n_joints)
 
-    def rows(some: slice) -> Array:
-        nearest = np.rint((log.t[some] - signals.motion.t[0]) * signals.rate).astype(int)
+    def rows(part: slice) -> Array:
+        nearest = np.rint((log.t[part] - signals.motion.t[0]) * signals.rate).astype(int)
         p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
-        effort = log.effort[some]
+        effort = log.effort[part]
         p = np.where(log.signed, (effort >= 0.0).astype(float), p)
         signed = efforts.recorded(np.where(log.signed | (p >= 0.5), effort, -effort))
         p = np.round(efforts.recorded_probability(p), 6)
-        return np.hstack([signed, p, positions.recorded(log.q[some], zero=True), positions.recorded(dq[some])])
+        return np.hstack([signed, p, positions.recorded(log.q[part], zero=True), positions.recorded(dq[part])])
 
     unit = {"q": "[rad]", "dq": "[rad/s]"} if log.read_with.get("degrees") else {}
     kinds = ("tau", "p", "q", "dq")
@@ -200,5 +200,5 @@ def write_signed_log(path: Path, log: Log, signals: Signals, probability: Array)
 
 def _velocities(log: Log, piece: Piece | None = None) -> Array:
     """(N, n) of a log, or of one of its pieces, rad/s."""
-    some = slice(None) if piece is None else slice(piece.start_row, piece.stop_row)
-    return derived(log.t[some], log.q[some]) if log.dq is None else log.dq[some]
+    rows = slice(None) if piece is None else slice(piece.start_row, piece.stop_row)
+    return derived(log.t[rows], log.q[rows]) if log.dq is None else log.dq[rows]

@@ -115,12 +115,12 @@ class _Searching:
     search: Search
     segmentation: Segmentation
 
-    def under(self, model: Model, begun: SignSolution, progress: Progress, also: Sequence[Array] = ()) -> _SignsUnder:
+    def under(self, model: Model, start: SignSolution, progress: Progress, also: Sequence[Array] = ()) -> _SignsUnder:
         """Signs under a model, starting from those under another model, and from further ones (N, n)."""
         signals, segments = restored(model, self.as_read), self.segments
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.segmentation)
-        found = find_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
+        found = find_signs(model.before_sensors, signals, segments, self.search, progress, start=start, also=also)
         return _SignsUnder(model, replace(found, reading=Reading(model, self.as_read)))
 
 
@@ -193,9 +193,7 @@ class _Rounds:
     fit: Fit  # fit of the requested model to these signs
     probability: Array  # (N, n) of these signs
     completed: _SignsUnder = field(init=False)  # under the likeliest model of confirmed effects
-    detected: DetectedEffects = field(
-        init=False
-    )  # by the log: the effects of the completed model, if that is not the plain one
+    detected: DetectedEffects = field(init=False)  # effects of the completed model, if it has any
     _last: DetectedEffects | None = None
     _turned: bool = False
     _tried: dict[int, float] = field(default_factory=dict)  # residual of joints at their last failed proposals

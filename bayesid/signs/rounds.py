@@ -205,8 +205,8 @@ def noise_sensitivity(problem: SignProblem, result: SearchResult, steps: Steps =
 
     def persistent(start: Callable[[], Assignment]) -> list[Assignment]:
         """A start, and the local optimum from it."""
-        begun = start()
-        return [begun, priced(inner.local_optimum(known, begun.theta))]
+        first = start()
+        return [first, priced(inner.local_optimum(known, first.theta))]
 
     def near_to(signs: Integers) -> Assignment:
         return priced(inner.complete(signs, best.theta))

@@ -110,21 +110,21 @@ def find_signs(
     search: Search,
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
-    begun: SignSolution | None = None,
+    start: SignSolution | None = None,
     also: Sequence[Array] = (),
 ) -> SignSolution:
     """Searches the signs of segments under a model, smooths them and fits the model.
 
-    The search starts from signs under another model (`begun`), and from further ones (N, n) between -1 and 1 (`also`).
+    The search starts from signs under another model (`start`), and from further ones (N, n) between -1 and 1 (`also`).
 
     Raises:
         SolverError: an optimisation failed.
     """
     plain = base_coefficients(model)
     sign_search = SignSearch(model, plain, signals, search, progress)
-    if begun is not None:
-        likely = (2.0 * begun.probability - 1.0, *also)
-        sign_search = replace(sign_search, likely=likely, unlisted_probability=begun.signs.search.unlisted_probability)
+    if start is not None:
+        likely = (2.0 * start.probability - 1.0, *also)
+        sign_search = replace(sign_search, likely=likely, unlisted_probability=start.signs.search.unlisted_probability)
     searched = sign_search.run(segments)
     with progress.stage("fit"):
         sign_solution = fitted_to(plain, model, signals, searched)
@@ -151,9 +151,8 @@ def find_signs(
 
     candidates = in_parallel([by_search, by_earlier])
     time = np.max([fit.residual.autocorrelation for _, fit in candidates], axis=0)
-    count = (
-        log_data.fitted.sum(axis=0) / time
-    )  # equal for both; wrong signs give long correlations, which would reduce the count
+    # the same count for both, as wrong signs give long correlations, which would reduce theirs
+    count = log_data.fitted.sum(axis=0) / time
     first = candidates[0][1]
 
     def disagreement(fit: Fit) -> float:
@@ -170,7 +169,7 @@ def _by_direction(sign_solution: SignSolution, sign_search: SignSearch) -> SignS
     A poor model prefers signs that fit its error. Friction opposes every motion; in a friction-dominated joint the sign
     of the effort is the velocity's. So it is preferred with the odds `friction_odds`.
     """
-    log_data, begun = sign_solution.log_data, sign_solution
+    log_data, given = sign_solution.log_data, sign_solution
     if sign_solution.signs.search.certified:
         return sign_solution
     speed = log_data.model.robot.actuators(log_data.signals.motion).dq
@@ -186,7 +185,7 @@ def _by_direction(sign_solution: SignSolution, sign_search: SignSearch) -> SignS
             sign_solution = replace(
                 sign_solution, probability=probability, fit=fit_signed(log_data, 2.0 * probability - 1.0)
             )
-    if sign_solution is begun:
+    if sign_solution is given:
         return sign_solution
     return replace(sign_solution, signs=sign_search.following(sign_solution.signs, sign_solution.probability))
 

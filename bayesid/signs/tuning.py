@@ -51,7 +51,7 @@ class Tuning:
     """The same in a round with a poor fit, from signs of another model, and after the fallback; saves time."""
     most_starts: int = 2
     """Largest number of starts over `failures`."""
-    most_begun: int = 8
+    local_starts: int = 8
     """Listed assignments from which a local search starts."""
 
     # Certified search

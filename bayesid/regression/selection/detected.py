@@ -108,9 +108,9 @@ def detect_effects(
     case = SignedLog.of(log_data, fit, probability)
     alone = explain(case.data, ())
     screened = case.screened(Regression.of(alone), TUNING.short_list)
-    begun = case.made(start)
-    keys = frozenset(hypothesis.key for hypothesis in begun)
-    tried = [*begun, *(hypothesis for hypothesis in screened if hypothesis.key not in keys)]
+    first = case.made(start)
+    keys = frozenset(hypothesis.key for hypothesis in first)
+    tried = [*first, *(hypothesis for hypothesis in screened if hypothesis.key not in keys)]
     return _selected(case, Regression(case.data, tried, alone.errors), keys, TUNING.most_effects if enter else 0)
 
 
@@ -135,10 +135,10 @@ def confirmed(log_data: LogData, fit: Fit, probability: Array, effects: Sequence
     the model without them; the probability (N, n) is P(sign = +), found with them.
     """
     case = SignedLog.of(log_data, fit, probability)
-    begun = case.made(effects)
+    hypotheses = case.made(effects)
     uncertain = near_standstill(log_data.model, case.modelled.motion, case.rms_effort, case.data.used)
-    regression = Regression(case.data, begun, explain(case.data, ()).errors, uncertain)
-    return _selected(case, regression, frozenset(hypothesis.key for hypothesis in begun), 0)
+    regression = Regression(case.data, hypotheses, explain(case.data, ()).errors, uncertain)
+    return _selected(case, regression, frozenset(hypothesis.key for hypothesis in hypotheses), 0)
 
 
 def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> DetectedEffects:

@@ -186,14 +186,14 @@ def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> 
 
     Likely signs replace the candidates.
     """
-    known, begun = problem.normal_equations.known, []
+    known, starts = problem.normal_equations.known, []
     if start is not None:
-        begun.append(problem.price(problem.local_optimum(known, start).signs))
+        starts.append(problem.price(problem.local_optimum(known, start).signs))
     if signs:
-        begun += [problem.price(problem.local_optimum_from(assignment).signs) for assignment in signs]
+        starts += [problem.price(problem.local_optimum_from(assignment).signs) for assignment in signs]
     elif start is None or problem.budget.over:
-        begun.insert(0, candidate(problem))
-    return min(begun, key=lambda branch: branch.cost)
+        starts.insert(0, candidate(problem))
+    return min(starts, key=lambda branch: branch.cost)
 
 
 def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:

@@ -46,13 +46,13 @@ class LocalOptima(NamedTuple):
 
 
 def local_search(
-    problem: Problem, begun: Iterable[Assignment], failures: int, seed: int = 0, steps: Steps = no_steps
+    problem: Problem, optima: Iterable[Assignment], failures: int, seed: int = 0, steps: Steps = no_steps
 ) -> LocalOptima:
-    """Local optima around the best of some assignments, at least one.
+    """Local optima around the best of the given ones, at least one.
 
     Ends after `failures` starts without improvement. `steps` is called as steps(starts, largest number of starts).
     """
-    met = {branch.signs.tobytes(): branch for branch in begun}
+    met = {branch.signs.tobytes(): branch for branch in optima}
     best, failed, rng = min(met.values(), key=lambda branch: branch.cost), 0, np.random.default_rng(seed)
     starts, tried, most = _starts(problem, best, rng), 0, TUNING.most_starts * failures
     while failed < failures and tried < most and not problem.budget.over:
@@ -94,9 +94,11 @@ def searched_locally(
     """
     began, inner = time.perf_counter(), Problem(problem.normal_equations, problem.solver(), np.inf, time_limit)
     known, first = problem.normal_equations.known, results[0]
-    thetas = [[result.theta, *(branch.theta for branch in result.branches[: TUNING.most_begun])] for result in results]
-    begun = [inner.local_optimum(known, theta) for theta in itertools.chain(*thetas)]
-    found = local_search(inner, begun, failures, steps=steps)
+    thetas = [
+        [result.theta, *(branch.theta for branch in result.branches[: TUNING.local_starts])] for result in results
+    ]
+    optima = [inner.local_optimum(known, theta) for theta in itertools.chain(*thetas)]
+    found = local_search(inner, optima, failures, steps=steps)
     best, work = found.met[0], inner.budget.spent
     ways = (way for result in results for way in result.ways or (Way(result.method, result.cost, result.spent),))
     worked = first.with_work_of(results[1:])

@@ -155,14 +155,14 @@ class SearchResult:
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
         """The result with the work of other searches added."""
-        every = [self, *others]
-        counted = [result.pruning for result in every[1:] if result.pruning is not None]
+        results = [self, *others]
+        counted = [result.pruning for result in results[1:] if result.pruning is not None]
         return replace(
             self,
-            nodes=sum(result.nodes for result in every),
-            solves=sum(result.solves for result in every),
-            spent=sum(result.spent for result in every),
-            timed_out=any(result.timed_out for result in every),
+            nodes=sum(result.nodes for result in results),
+            solves=sum(result.solves for result in results),
+            spent=sum(result.spent for result in results),
+            timed_out=any(result.timed_out for result in results),
             pruning=None if self.pruning is None else sum(counted, self.pruning),
         )
 
