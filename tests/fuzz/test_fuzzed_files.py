@@ -213,7 +213,7 @@ RING = '<joint name="{0}{1}" type="revolute"><parent link="{0}"/><child link="{1
 LINKS = '<link name="x"/><link name="a"/><link name="b"/>'
 SLIDES = URDF.decode().replace('lower="0" upper="0.5"', 'lower="0" upper="0"')
 BEYOND = [
-    ("limits.urdf", SLIDES.replace('<mimic joint="j2"/>', ""), "slides, and has no limits"),
+    ("limits.urdf", SLIDES.replace('<mimic joint="j2"/>', ""), "is prismatic without limits"),
     ("robot.urdf", chain(5000, "revolute"), "has 5001 links"),
     ("robot.urdf", f'<robot name="deep">{"<a>" * 100_000}{"</a>" * 100_000}</robot>', "more than 32 levels"),
     ("robot.urdf", URDF.decode().replace("0 0 0.3", "0 0 1e308"), "key 'origin xyz' holds 1e\\+308"),
