@@ -1,4 +1,4 @@
-"""Logs of an arm of three joints, and trials: logs as they would be after filters that cost nothing."""
+"""Logs of an arm of three joints, and trials without filtering."""
 
 import numpy as np
 from conftest import small_robot, smooth_motion
@@ -24,7 +24,7 @@ def made_trial(motion, effort, used=None, signed=False):
 
 
 def arm_log(seed, extra=None, duration=14.0, robot=2):
-    """The same arm, whatever the seed; `extra` changes its effort (N, n)."""
+    """The same arm for all seeds; `extra` is added to its effort (N, n)."""
     robot, motion = small_robot(3, seed=robot), smooth_motion(3, duration, RATE, seed=seed)
     model = Model(robot, make_terms(TERMS, robot, motion))
     theta = random_parameters(model, rng=np.random.default_rng(5))

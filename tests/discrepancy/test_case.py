@@ -25,8 +25,8 @@ def made_case(names, **tolerance):
     return Case(CoefficientPrior(model, theta, np.zeros((1, 1))), None, None, trial, None, None, **tolerance), motion
 
 
-def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
-    """But for the first joint's place, the base's. The second one is shifted along its own x: differences of robots."""
+def test_uncertain_columns_are_those_of_geometry_errors():
+    """Without the first joint's placement. Compared with a robot whose second joint is shifted along its x axis."""
     case, motion = made_case(
         ["viscous_friction", "rigid_body"], tolerance=KinematicTolerance(length=0.004, angle=0.002)
     )
@@ -45,8 +45,8 @@ def test_what_is_uncertain_is_the_geometry_in_its_tolerance():
 
 
 @pytest.mark.parametrize("added", [("payload", "hysteresis"), ("delay",)])
-def test_effort_of_an_extended_model_is_its_own(added):
-    """The model's own columns are made once, whichever terms come after them; a distortion changes them all."""
+def test_effort_of_an_extended_model(added):
+    """The model's columns are cached for additional terms; a distortion changes all of them."""
     case, motion = made_case(["viscous_friction", "rigid_body"])
     model, robot, rng = case.model, case.model.robot, np.random.default_rng(3)
     extended = model

@@ -24,7 +24,7 @@ COULOMB, VISCOUS = np.array([4.0, 6.0, 2.0]), np.array([3.0, 4.0, 1.5])
 MASS, CENTRE = 3.0, np.array([0.15, -0.05, 0.1])
 STICKY = (0.0, 5.0, 0.0)
 STEEP = 0.15
-"""rad/s, over which the hidden friction fades."""
+"""rad/s, speed over which the hidden friction decays."""
 
 
 def arm_log(seed, *, worn=(1.0, 1.0, 1.0), sticky=(0.0, 0.0, 0.0), mass=0.0, name=None):
@@ -48,8 +48,8 @@ def compared(*logs):
     return bayesid.find_discrepancy(small_robot(3, seed=2), logs, terms=TERMS, posterior=False)
 
 
-def keys(comparison, became):
-    return {(one.name, one.joints) for one in comparison.of(became)}
+def keys(comparison, status):
+    return {(one.name, one.joints) for one in comparison.of(status)}
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +57,15 @@ def loaded():
     return compared(arm_log(1, sticky=STICKY), arm_log(2, sticky=STICKY, mass=MASS))
 
 
-def test_what_was_there_all_along_is_told_from_what_came(loaded):
+def test_preexisting_effects_are_distinguished_from_new_ones(loaded):
     assert keys(loaded, "preexisting") == {("stribeck_friction", (2,))}
     assert keys(loaded, "changed") == {("payload", ())}
     assert keys(loaded, "gone") == set()
     (stribeck,) = loaded.of("preexisting")
     assert [what.says for what in stribeck.by_log] == [SHOWN, SHOWN]
-    said = columns(loaded)
-    assert any("payload" in line for line in said["changed"])
-    assert any("Stribeck friction, joint 2" in line for line in said["preexisting"])
+    lines = columns(loaded)
+    assert any("payload" in line for line in lines["changed"])
+    assert any("Stribeck friction, joint 2" in line for line in lines["preexisting"])
     assert "payload" in repr(loaded)
     line = loaded.timeline
     (place,) = [c for c, one in enumerate(line.tracked) if one.name == PAYLOAD]
@@ -76,8 +76,8 @@ def test_what_was_there_all_along_is_told_from_what_came(loaded):
 
 
 @pytest.mark.long
-def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_has_changed():
-    """And logs out of the order of their dates are warned of."""
+def test_an_effect_of_the_first_log_alone_is_gone_and_one_of_a_later_log_is_new():
+    """There is a warning for logs that are not in the order of their dates."""
     first = arm_log(1, sticky=STICKY, name="arm-2026-08-01.csv")
     both = compared(first, arm_log(2, sticky=(5.0, 0.0, 0.0), name="arm-2026-07-01.csv"))
     assert keys(both, "gone") == {("stribeck_friction", (2,))}
@@ -90,20 +90,20 @@ def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_h
 
 
 @pytest.mark.parametrize(
-    ("sticky", "told"),
+    ("sticky", "shown"),
     [(STICKY, (("stribeck_friction", (2,)),)), pytest.param((0.0, 0.0, 0.0), (), marks=pytest.mark.long)],
     ids=["there again", "gone"],
 )
-def test_a_stored_model_tells_what_was_missing_preexisting(loaded, sticky, told):
-    """Its completion is in the model; a later log bears it out by itself, or does not."""
+def test_a_stored_model_shows_preexisting_effects(loaded, sticky, shown):
+    """The model has the added effects; a later log confirms them alone, or does not."""
     result = bayesid.find_discrepancy(loaded.earlier, arm_log(3, sticky=sticky), posterior=False)
-    assert result.preexisting == told
-    assert [check.name for check in discrepancy_checks(result)].count("In both logs") == len(told)
-    listed = [{"effect": effect, "joints": list(joints)} for effect, joints in told]
+    assert result.preexisting == shown
+    assert [check.name for check in discrepancy_checks(result)].count("In both logs") == len(shown)
+    listed = [{"effect": effect, "joints": list(joints)} for effect, joints in shown]
     assert discrepancy_summary(result)["preexisting"] == listed
 
 
-def test_names_of_logs_are_short_and_each_another_one():
+def test_names_of_logs_are_short_and_distinct():
     for sources, names in (
         (("a/x.csv", "b/y.csv"), ("x.csv", "y.csv")),
         (("a/x.csv", "b/x.csv"), ("a/x.csv", "b/x.csv")),
@@ -152,7 +152,7 @@ def test_the_command_finds_friction_that_grew_and_writes_json_time_line_and_repo
 
 
 def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys):
-    for logs, robot, said in (
+    for logs, robot, message in (
         ([FIRST], True, "is a single log"),
         ([FIRST, SECOND], False, "give --robot"),
         ([FIRST, FIRST], True, "is given twice"),
@@ -167,6 +167,6 @@ def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys):
         paths = [str(place / log) for log in logs]
         assert main(["discrepancy", *paths, *options, "--no-posterior", "--out", str(tmp_path / "out")]) == 2
         error = capsys.readouterr().err.strip()
-        assert said in error
+        assert message in error
         assert "\n" not in error
         assert not (tmp_path / "out").exists()

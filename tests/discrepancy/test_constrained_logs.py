@@ -1,4 +1,4 @@
-"""What is stated of a robot holds in every later log: discrepancy, comparison of logs, payload, each log by itself."""
+"""Constraints on a robot are valid for every later log: discrepancy, comparison of logs, payload, each log alone."""
 
 from functools import cache
 
@@ -48,7 +48,7 @@ def log_of(seed, worn=1.0, payload=False):
 
 @pytest.fixture(scope="module")
 def known(tmp_path_factory):
-    """The friction of joint 2 is stated as less than it is, the masses about."""
+    """A wrong upper bound of the friction of joint 2, and approximate masses."""
     path = tmp_path_factory.mktemp("stated") / "known.toml"
     bounds = {"Fc2": [0.0, 0.97 * TRUE["Fc2"]], "m6": [0.5 * TRUE["m6"], 1.5 * TRUE["m6"]]}
     path.write_text(tomli_w.dumps({"total_mass": [0.9 * TOTAL, 1.02 * TOTAL], "bounds": bounds}))
@@ -56,7 +56,7 @@ def known(tmp_path_factory):
 
 
 def binds(result):
-    """All labels are there, parameters and draws are inside, and the fit is on the edge that is not true."""
+    """All labels are there, parameters and draws are feasible, and the fit is on the wrong bound."""
     stated, free = result.model.cone.stated, dict(zip(NAMES, result.fit.theta, strict=False))
     assert stated.labels == LABELS
     assert stated.contains(result.theta, 1e-6)
@@ -83,7 +83,7 @@ def test_a_discrepancy_is_found_inside_them(earlier):
     assert binds(found.identification)
 
 
-def test_a_payload_is_read_inside_them_and_is_no_part_of_them(earlier):
+def test_a_payload_is_estimated_inside_them_without_being_constrained(earlier):
     reading = bayesid.identify_payload(earlier, log_of(6, payload=True), posterior=Sampling(budget=0.0))
     assert binds(reading.identification)
     assert reading.body.mass.value == pytest.approx(BODY[9], rel=0.05)
@@ -97,21 +97,21 @@ def test_logs_are_compared_inside_them_but_links_with_a_payload_are_not(known):
     assert loaded.runs[1].model.cone.stated.contains(loaded.runs[1].theta, 1e-6)
 
 
-def test_each_log_by_itself_and_the_command_keep_them(known, tmp_path, capsys):
+def test_each_log_alone_and_the_command_keep_them(known, tmp_path, capsys):
     logs = [tmp_path / f"{name}.csv" for name in ("monday", "friday")]
     for path, log in zip(logs, (log_of(0), log_of(5, worn=1.6)), strict=True):
         log.save(path)
-    said = ["--robot", "kr5-paper", "--constraints", str(known), "--no-posterior", "--quiet"]
+    options = ["--robot", "kr5-paper", "--constraints", str(known), "--no-posterior", "--quiet"]
     given = [str(path) for path in logs]
     each, changes = tmp_path / "each", tmp_path / "changes"
-    call = ["identify", *given, "--each", *said, "--complete", "off", "--no-report", "--out", str(each)]
+    call = ["identify", *given, "--each", *options, "--complete", "off", "--no-report", "--out", str(each)]
     assert main([*call, "--workers", "1"]) == 0
     for path in logs:
         found = load(each / path.stem)
         assert found.model.constraints.labels == LABELS
         assert found.model.cone.stated.contains(found.theta, 1e-6)
         assert found.theta[NAMES.index("Fc2")] == pytest.approx(0.97 * TRUE["Fc2"], rel=0.015)
-    assert main(["discrepancy", *given, *said, "--out", str(changes)]) == 0
+    assert main(["discrepancy", *given, *options, "--out", str(changes)]) == 0
     assert load(changes).model.constraints.labels == LABELS
     refused = [
         "discrepancy",

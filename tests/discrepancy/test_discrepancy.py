@@ -17,7 +17,7 @@ from bayesid.studies import blind
 
 
 def blind_case(folder, seed, effect, size=0.0, style="bare", robot="random", trouble=blind.NO_TROUBLE, holdout=True):
-    """What the workflow finds in a blind case, and the truth."""
+    """Findings in a blind case, and the truth."""
     truth = blind.make_case(folder, seed, effect, size, robot, style, trouble=trouble)
     options = {"complete": "auto" if trouble == blind.NO_TROUBLE else "off", "posterior": False}
     options["terms"] = (folder / "terms.txt").read_text().strip().split(",")
@@ -71,7 +71,7 @@ WRONG_TABLE, LASTING_NOISE = blind.Trouble(length=0.005, angle=np.deg2rad(0.5)),
 @pytest.mark.long
 @pytest.mark.parametrize(("trouble", "seed", "joints"), [(WRONG_TABLE, 6, {4, 5}), (LASTING_NOISE, 4, {1})])
 def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, trouble, seed, joints):
-    """Nothing is hidden and the log itself shows nothing; the truth is 1.7 and 2.0, or 1.3 times the noise."""
+    """No effect is hidden or visible on the log; the residual is 1.7 and 2.0, or 1.3 times the noise."""
     result, truth = blind_case(tmp_path, seed, None, style="standard", robot="kr5", trouble=trouble)
     assert result.status == "unexplained"
     assert {joint for joint, _ in result.unexplained} == joints
@@ -95,7 +95,7 @@ def healthy():
     return bayesid.identify(small_robot(3, seed=2), arm_log(1), terms=TERMS, posterior=False)
 
 
-def test_what_the_model_has_already_is_a_change(healthy):
+def test_a_different_size_of_the_models_effect_is_a_change(healthy):
     def worn(motion):
         return np.array([0.0, 0.0, 0.4]) * motion.dq
 
@@ -109,8 +109,8 @@ def test_what_the_model_has_already_is_a_change(healthy):
 
 
 @pytest.mark.long
-def test_held_back_stretches_choose_nothing(healthy):
-    """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them."""
+def test_held_back_blocks_do_not_affect_the_selection(healthy):
+    """Wrong efforts in them do not change the first scores, except at their edges; the chosen effects fail on them."""
     log = arm_log(2, spring)
     block = np.minimum(np.arange(len(log)) * TUNING.blocks // len(log), TUNING.blocks - 1)
     held = np.isin(block, TUNING.held_back_blocks)
@@ -126,8 +126,8 @@ def test_held_back_stretches_choose_nothing(healthy):
     assert plain.holdout == "stretches 3 and 6 of 8 of log2"
 
 
-def test_what_a_log_cannot_show_is_not_testable(healthy):
-    """Joint 3 shows nothing but its encoder's noise."""
+def test_effects_that_a_log_cannot_show_are_not_testable(healthy):
+    """Joint 3 has only encoder noise."""
     motion, rng = smooth_motion(3, 14.0, 100.0, seed=2), np.random.default_rng(0)
     moves = np.array([1.0, 1.0, 0.0])
     rest = replace(motion, q=motion.q * moves + [0.0, 0.0, 0.4], dq=motion.dq * moves, ddq=motion.ddq * moves)
@@ -182,7 +182,7 @@ def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
     replace(log, q=np.zeros_like(log.q)).save(folder / "still.csv")
     shutil.copytree(folder / "healthy", folder / "broken")
     (folder / "broken" / "model.toml").write_text("robot = 3\n")
-    for change, said in (
+    for change, message in (
         ({"holdout": "log.csv"}, "same motion as the log"),
         ({"result": "nowhere"}, "holds no model.toml"),
         ({"log": "short.csv"}, "too short for cross-validation"),
@@ -199,13 +199,13 @@ def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
         options += ["--no-posterior", "--out", str(paths.get("out", tmp_path / "out"))]
         assert main(["discrepancy", str(paths["result"]), str(paths["log"]), *options]) == 2
         error = capsys.readouterr().err.strip()
-        assert said in error
+        assert message in error
         assert "\n" not in error
         assert not (tmp_path / "out").exists()
 
 
-def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
-    """A model.toml without knowledge is one whose parameters nobody has measured."""
+def test_a_nominal_model_warns_of_unknown_uncertainty(folder, tmp_path):
+    """A model.toml without uncertainty: its parameters were never measured."""
     shutil.copytree(folder / "healthy", tmp_path / "nominal")
     path = tmp_path / "nominal" / "model.toml"
     text = path.read_text()

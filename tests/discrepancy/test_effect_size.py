@@ -25,7 +25,7 @@ class Acting:
         self.columns = SimpleNamespace(joints=set(joints))
 
 
-def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
+def test_the_cost_is_the_error_without_an_effect_in_the_joint_with_the_largest_share():
     """Four rows of three joints, the last row not counted. RMS efforts 10, 2, 5; errors with all effects 1, 0.2, 3.
 
     Without the body the errors are 4, 1.2 and 3: 4 of 10 N m in the first joint is less than 1.2 of 2.
@@ -62,7 +62,7 @@ def hypothesis(source, changes=()):
 
 
 def case_of(rated=None, another_log=False):
-    """A model of Coulomb friction alone, 2 and 5 N m, of a robot whose second joint may be rated."""
+    """A model of Coulomb friction alone, 2 and 5 N m; the second joint may have a rated effort."""
     robot = small_robot(2)
     object.__setattr__(robot.joints[1], "rated_effort", rated)
     knowledge = CoefficientPrior(Model(robot, (FRICTION,)), EARLIER, np.zeros((1, 1)))
@@ -71,7 +71,7 @@ def case_of(rated=None, another_log=False):
     return Case(knowledge, None, None, log, cross_validation, None)
 
 
-def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest():
+def test_a_terms_effort_is_compared_with_the_rating_or_the_largest_effort_of_the_log():
     for rated, another_log, of, reference in (
         (None, True, "largest effort in this log", 30.0),
         (None, False, "largest effort in this log", 30.0),
@@ -85,8 +85,8 @@ def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest():
         assert found.share == pytest.approx(1.4 / reference)
 
 
-def test_the_effort_of_a_change_is_what_the_change_makes():
-    """Coulomb friction of joint 2 from 5 to 8 N m: 3 N m tanh(u' / v), beside joint 1's that has moved by itself."""
+def test_the_effort_of_a_change_is_the_difference_of_the_change():
+    """Coulomb friction of joint 2 from 5 to 8 N m: 3 N m tanh(u' / v), beside a change of joint 1."""
     case = case_of()
     changed = hypothesis(FRICTION.in_joints((2,), 2), changes=("Fc2",))
     found = effort_of(case, changed, case.model, np.array([2.6, 8.0]), MOTION)
@@ -94,7 +94,7 @@ def test_the_effort_of_a_change_is_what_the_change_makes():
     np.testing.assert_allclose(found[:, 1], 3.0 * np.tanh(MOTION.dq[:, 1] / 0.1), atol=1e-12)
 
 
-def test_the_effort_of_a_distortion_is_what_it_makes_of_all_else():
+def test_the_effort_of_a_distortion_is_its_change_of_all_other_effects():
     """A gain of 1.3 in joint 2, of efforts of 5 N m tanh(u' / v) and an offset of 2 N m."""
     case, gain = case_of(), GainError(joints=(2,), gain=(1.3,))
     extended = case.model.extend(OFFSET).extend(gain)

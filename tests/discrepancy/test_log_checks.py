@@ -38,17 +38,17 @@ def test_logs_of_other_joints_without_motion_or_of_less_than_four_seconds_are_re
     noise = 1e-4 * np.random.default_rng(0).uniform(size=log.q.shape)  # of encoders
     assert "no joint moves" in refused(check_log, ROBOT, replace(log, q=0.3 + noise)).what
     short = part_of(log, slice(0, 400))
-    said = refused(check_log, ROBOT, short)
-    assert (said.where, "3.99 s" in said.what) == ("part.csv", True)
-    assert refused(check_holdout, ROBOT, log_of(seed=2), short).what == said.what
+    error = refused(check_log, ROBOT, short)
+    assert (error.where, "3.99 s" in error.what) == ("part.csv", True)
+    assert refused(check_holdout, ROBOT, log_of(seed=2), short).what == error.what
 
 
 MOTION = smooth_motion(2, 4.0, RATE)
 EFFORT = np.abs(3.0 * np.sin(np.arange(400) / 30.0)[:, None] * np.array([1.0, 2.0]) + np.array([0.5, -1.0]))
 
 
-def test_a_model_that_explains_one_joint_in_motion_is_the_robots_and_one_that_explains_none_is_another_ones():
-    """The other joint's effort may be a hundred times too large; a joint that hardly moves is not asked."""
+def test_a_model_that_explains_no_joint_in_motion_is_of_another_robot():
+    """One joint is enough, even if the effort of the other is 100 times too large; slow joints do not count."""
 
     def check(effort, used=None):
         check_same_robot(effort, made_trial(MOTION, EFFORT, used), log_of())
@@ -68,15 +68,15 @@ def test_a_model_that_explains_one_joint_in_motion_is_the_robots_and_one_that_ex
     assert "199 samples in motion" in refused(check, EFFORT, few).what
 
 
-def test_another_log_of_the_robot_may_be_held_out_but_not_the_log_itself_nor_a_part_of_it():
-    """Louder and later it is the same motion; a part's first row may come before the motion begins."""
+def test_a_holdout_is_another_log_and_not_the_log_or_a_part_of_it():
+    """Scaled efforts and shifted times are the same motion; a part may begin at a standstill."""
     log, whole = log_of(), log_of(source="whole.csv")
     check_holdout(ROBOT, log, log_of(duration=9.0, seed=2))
     check_holdout(ROBOT, log, replace(log, q=log.q + 1e-6 * np.sin(np.arange(600))[:, None]))  # repeated
     louder = replace(log, effort=2.0 * log.effort, t=log.t + 5.0, source="copy.csv")
-    said = refused(check_holdout, ROBOT, log, louder)
-    assert said.where == "copy.csv"
-    assert "same motion" in said.what
+    error = refused(check_holdout, ROBOT, log, louder)
+    assert error.where == "copy.csv"
+    assert "same motion" in error.what
     for rows in (slice(0, 200), slice(130, 400), slice(400, None)):
         part = part_of(whole, rows)
         assert refused(check_holdout, ROBOT, whole, part).where == "part.csv"

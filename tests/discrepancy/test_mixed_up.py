@@ -12,7 +12,7 @@ N = 3
 
 
 def effort_of(motion):
-    """Each joint's own size, gravity of a kind that is not even in the position, and a coupling."""
+    """Joints of different sizes, with gravity that is not symmetric in the position, and a coupling."""
     q, ddq = motion.q, motion.ddq
     return np.array([8.0, 3.0, 1.0]) * np.sin(q + np.array([0.4, 0.9, -0.7])) + 0.1 * ddq @ np.triu(np.ones((N, N)))
 
@@ -29,8 +29,8 @@ def mixed(positions=(0, 1, 2), efforts=(0, 1, 2), sides=(1, 1, 1), model=effort_
     check_columns(model, made_trial(motion, effort), log)
 
 
-def test_what_is_mixed_up_is_said_with_what_mends_it():
-    for what, said, remedy in (
+def test_mixed_up_columns_are_reported_with_their_correction():
+    for what, message, remedy in (
         ({"positions": [0, 2, 1], "efforts": [0, 2, 1]}, "joints 2 and 3", "`correct` q2=q3,q3=q2,tau2=tau3,tau3=tau2"),
         ({"positions": [1, 0, 2]}, "positions of joints 1 and 2", "`correct` q1=q2,q2=q1"),
         ({"efforts": [2, 1, 0]}, "efforts of joints 1 and 3", "`correct` tau1=tau3,tau3=tau1"),
@@ -38,12 +38,12 @@ def test_what_is_mixed_up_is_said_with_what_mends_it():
     ):
         with pytest.raises(InputError) as caught:
             mixed(**what)
-        assert said in caught.value.what
+        assert message in caught.value.what
         assert caught.value.where == "log.csv"
         assert remedy in caught.value.remedy
         assert "\n" not in str(caught.value)
 
 
-def test_columns_in_their_places_pass_and_so_does_what_no_exchange_mends():
+def test_correct_columns_and_errors_that_no_exchange_corrects_pass():
     mixed()
     mixed(model=lambda motion: 5.0 * np.cos(3.0 * motion.q))  # another robot: for others to say

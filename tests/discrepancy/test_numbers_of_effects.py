@@ -1,4 +1,4 @@
-"""Numbers of added effects, from a posterior that is made by hand."""
+"""Numbers of added effects, from a made-up posterior."""
 
 from types import SimpleNamespace
 
@@ -27,26 +27,26 @@ def hypothesis(source, changes=()):
 
 
 def extended(model, theta, draws=None):
-    """All that is asked of an identification; draws (D, E, W, P)."""
+    """The used members of an identification; draws (D, E, W, P)."""
     posterior = None if draws is None else SimpleNamespace(uncertain=SimpleNamespace(theta=draws))
     sd = np.full(len(theta), 0.25)
     return SimpleNamespace(model=model, theta=theta, posterior=posterior, parameter_sd=(sd, sd > 0.0))
 
 
-def test_what_adds_to_the_earlier_models_is_summed_with_its_deviation():
-    """Coulomb friction and the drift's cold part trade against each other: their sum is known better than either."""
+def test_additions_to_earlier_parameters_are_summed_with_their_sd():
+    """Coulomb friction and the cold part of the drift are anticorrelated: their sum has a smaller sd."""
     rng = np.random.default_rng(2)
     draws = THETA + rng.normal(size=(40, 2, 5, 4)) * [0.1, 0.5, 0.0, 0.2]
     draws[..., 2] = -0.7 - (draws[..., 1] - 8.0) + 0.05 * rng.normal(size=(40, 2, 5))
     numbers = Numbers(EARLIER, BEFORE, extended(EARLIER.extend(DRIFT), THETA, draws))
-    told = numbers.parameters(hypothesis(DRIFT))
-    assert told["Fcold2"][0] == -0.7
-    assert told["Fc2"][0] == pytest.approx(7.3)
-    assert told["Fc2"][1] == pytest.approx(0.05, rel=0.15)
-    assert told["change of Fc2"][0] == pytest.approx(-1.8)
+    parameters = numbers.parameters(hypothesis(DRIFT))
+    assert parameters["Fcold2"][0] == -0.7
+    assert parameters["Fc2"][0] == pytest.approx(7.3)
+    assert parameters["Fc2"][1] == pytest.approx(0.05, rel=0.15)
+    assert parameters["change of Fc2"][0] == pytest.approx(-1.8)
     without = Numbers(EARLIER, BEFORE, extended(EARLIER.extend(DRIFT), THETA)).parameters(hypothesis(DRIFT))
     assert np.isnan(without["Fc2"][1])
-    assert "Fc1" not in told
+    assert "Fc1" not in parameters
 
 
 def test_a_payload_is_a_mass_its_centre_and_the_inertia_about_it():
@@ -55,16 +55,16 @@ def test_a_payload_is_a_mass_its_centre_and_the_inertia_about_it():
     moment = about + 2.5 * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     body = np.array([*moment[np.triu_indices(3)], *2.5 * centre, 2.5])
     draws = body * np.linspace(0.98, 1.02, 11)[:, None, None, None]
-    told = Numbers(EARLIER, BEFORE, extended(Model(small_robot(2), (Payload(),)), body, draws)).readable(
+    readable = Numbers(EARLIER, BEFORE, extended(Model(small_robot(2), (Payload(),)), body, draws)).readable(
         hypothesis(Payload())
     )
-    assert {name: value for name, (value, _, _) in told.items()} == {
+    assert {name: value for name, (value, _, _) in readable.items()} == {
         "mass": pytest.approx(2.5),
         **{f"centre of mass {axis}": pytest.approx(x) for axis, x in zip("xyz", centre, strict=True)},
         **{f"inertia {2 * axis}": pytest.approx(x) for axis, x in zip("xyz", (0.02, 0.03, 0.04), strict=True)},
         **{f"inertia {axes}": pytest.approx(0.0, abs=1e-12) for axes in ("xy", "xz", "yz")},
     }
-    assert told["mass"][1] == pytest.approx(2.5 * np.std(np.linspace(0.98, 1.02, 11)))
-    assert told["centre of mass y"][1] == pytest.approx(0.0, abs=1e-12)  # all scale alike
-    assert [unit for _, _, unit in told.values()] == ["kg", *["m"] * 3, *["kg m^2"] * 6]
-    assert len(told) == len(NAMES)
+    assert readable["mass"][1] == pytest.approx(2.5 * np.std(np.linspace(0.98, 1.02, 11)))
+    assert readable["centre of mass y"][1] == pytest.approx(0.0, abs=1e-12)  # all scale alike
+    assert [unit for _, _, unit in readable.values()] == ["kg", *["m"] * 3, *["kg m^2"] * 6]
+    assert len(readable) == len(NAMES)

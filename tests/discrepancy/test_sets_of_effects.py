@@ -1,4 +1,4 @@
-"""Which of several sets is taken, and how probable each is; the sets are made up, their numbers as hand-made."""
+"""Choice among several sets and their probabilities, for made-up sets and numbers."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -17,14 +17,14 @@ ROWS, BLOCKS = 1600, 16
 
 @dataclass
 class Source:
-    """A form of an effect that is no error of the robot's table."""
+    """A form of an effect that is not an error of the robot's table."""
 
     name: str
     of_table: bool = False
 
 
 def made(keys, log_posterior, error, form=""):
-    """A set whose residual on held-back data is the noise of all, and an error of its own."""
+    """A set whose residual on held-back data is common noise plus an individual error."""
     noise = np.random.default_rng(1).normal(size=(ROWS, 2))
     noise[:, 0] += error * np.sin(np.arange(ROWS))
     keys = frozenset(keys)
@@ -52,20 +52,20 @@ def smallest(*found):
 DRY, SPRING, DRAG, SKEW = (("dry", (2,)), ("spring", (2,)), ("drag", (2,)), ("skew", (2,)))
 
 
-def test_the_smallest_that_predicts_as_well_is_taken_and_the_likeliest_of_these():
+def test_the_most_probable_of_the_smallest_equally_good_sets_is_chosen():
     pair, skewed = made([DRY, SPRING], 400.0, 0.0), made([SKEW, SPRING], 397.0, 0.01)
-    drag = made([DRAG], 450.0, 2.0)  # likelier by the log, and worse on held-back data
+    drag = made([DRAG], 450.0, 2.0)  # more probable on the log, worse on held-back data
     three = made([DRY, SPRING, DRAG], 460.0, 0.0)
     assert smallest(made([], 0.0, 5.0), pair, skewed, drag, three) == [pair, skewed]
 
 
-def test_an_effect_that_the_log_does_not_need_is_not_taken_however_well_it_predicts():
+def test_an_effect_without_evidence_on_the_log_is_not_chosen_even_if_it_predicts_better():
     nothing, one = made([], 0.0, 5.0), made([DRY], 300.0, 1.0)
     assert smallest(nothing, one, made([DRY, DRAG], 302.0, 0.0))[0] is one
     assert smallest(nothing, one, made([DRY, DRAG], 310.0, 0.0))[0].keys == {DRY, DRAG}
 
 
-def test_probabilities_are_of_effects_whatever_their_form():
+def test_probabilities_are_summed_over_forms():
     pair, other = made([DRY, SPRING], 10.0, 0.0), made([DRY, SPRING], 9.0, 0.0, form=".two")
     skewed = made([SKEW, SPRING], 8.0, 0.0)
     found = weighed([pair, other, skewed], pair)
@@ -81,7 +81,7 @@ def test_log_densities_are_students():
     np.testing.assert_allclose(log_density(residual, used, sd), expected.sum(axis=1), rtol=1e-12)
 
 
-def test_better_in_a_few_blocks_and_no_worse_in_others_is_sure():
+def test_better_in_a_few_blocks_and_equal_in_others_is_significant():
     few = np.where(np.arange(16) < 3, 12.0, 0.0)
     scattered = 12.0 * np.where(np.arange(16) % 2, 1.0, -0.6)
     assert surely_better(few, np.zeros(16), 30.0)

@@ -5,8 +5,8 @@ from bayesid.discrepancy.timeline import holm, without_payload
 from bayesid.discrepancy.tuning import TUNING
 
 
-def test_holm_rejects_one_after_the_other():
-    """Of the textbook: the smallest of m against level / m, the next against level / (m - 1), until one stays."""
+def test_holm_rejects_step_by_step():
+    """As in textbooks: the smallest of m against level / m, the next against level / (m - 1), until one is accepted."""
     rng = np.random.default_rng(3)
     for _ in range(50):
         p = rng.uniform(size=7) ** 4
@@ -18,22 +18,22 @@ def test_holm_rejects_one_after_the_other():
 
 
 def problem(rng, m=14):
-    """Coefficients, how a body adds to nine of them, and a covariance."""
+    """Columns of a body, and a covariance."""
     columns = np.zeros((m, 10))
     columns[:12] = rng.normal(size=(12, 10))
     root = rng.normal(size=(m, m)) * np.geomspace(0.1, 3.0, m)[:, None]
     return columns, root @ root.T / m
 
 
-def test_a_payload_is_that_of_least_squares_with_the_covariance():
+def test_a_payload_is_fitted_by_generalised_least_squares():
     rng = np.random.default_rng(1)
     columns, covariance = problem(rng)
     body = rng.normal(size=10)
     difference = columns @ body + np.linalg.cholesky(covariance) @ rng.normal(size=14)
-    rest = without_payload(difference, covariance, columns)
+    fit = without_payload(difference, covariance, columns)
     inverse = np.linalg.inv(covariance[:12, :12])
     information = columns[:12].T @ inverse @ columns[:12]
     best = np.linalg.solve(information, columns[:12].T @ inverse @ difference[:12])
-    np.testing.assert_allclose(rest.of_payload, columns @ best, atol=1e-8)
-    np.testing.assert_allclose(rest.change + rest.of_payload, difference)
-    assert rest.mass == pytest.approx((best[9], np.sqrt(np.linalg.inv(information)[9, 9])))
+    np.testing.assert_allclose(fit.of_payload, columns @ best, atol=1e-8)
+    np.testing.assert_allclose(fit.change + fit.of_payload, difference)
+    assert fit.mass == pytest.approx((best[9], np.sqrt(np.linalg.inv(information)[9, 9])))

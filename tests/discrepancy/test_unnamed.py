@@ -11,7 +11,7 @@ from bayesid.report.discrepancy import discrepancy_summary
 
 
 def magnets(motion):
-    """Of the positions of joints 1 and 3, in joint 2."""
+    """A torque in joint 2 that depends on the positions of joints 1 and 3."""
     torque = 6.0 * np.sin(2.0 * motion.q[:, 0] + 0.4) * np.cos(3.0 * motion.q[:, 2])
     return torque[:, None] * [0.0, 1.0, 0.0]
 
@@ -39,7 +39,7 @@ def test_a_hidden_function_is_learned(found):
 
 
 def test_it_is_the_function_that_was_hidden(found):
-    """On a motion of its own, within the ranges of the log, but for an offset, which the model has none of."""
+    """On another motion, within the ranges of the log, except for an offset, which the model lacks."""
     (effect,) = [one for one in found.added if one.effect == "learned_effect"]
     ((term, amplitudes),) = [
         part for part in found.identification.model.parts(found.identification.theta) if part[0].name == effect.effect
@@ -58,17 +58,17 @@ def test_it_is_kept_with_the_model_and_drawn_on_the_page(found, tmp_path):
     motion = found.trial.signals.motion
     kept = bayesid.load(folder)
     assert np.allclose(kept.predict(motion).mean, found.identification.predict(motion).mean, rtol=1e-9)
-    (told,) = [one for one in json.loads((folder / "discrepancy.json").read_text())["found"] if one["variables"]]
-    assert told["effect"] == "learned_effect"
-    assert told["formula"]
+    (saved,) = [one for one in json.loads((folder / "discrepancy.json").read_text())["found"] if one["variables"]]
+    assert saved["effect"] == "learned_effect"
+    assert saved["formula"]
     assert "learned" in (folder / "report.html").read_text()
 
 
 @pytest.mark.long
-def test_what_only_the_log_shows_is_refused_and_said(healthy):
+def test_an_effect_of_the_log_alone_is_refused_and_reported(healthy):
     result = bayesid.find_discrepancy(healthy, arm_log(2, magnets, 20.0), arm_log(3, duration=20.0), posterior=False)
     assert not result.added
     assert result.status == "unexplained"
     (refused,) = [one for one in result.refused if one.effect == "learned_effect"]
-    (said,) = [one for one in discrepancy_summary(result)["not_borne_out"] if one["effect"] == "learned_effect"]
-    assert said["variables"] == list(refused.variables)
+    (saved,) = [one for one in discrepancy_summary(result)["not_borne_out"] if one["effect"] == "learned_effect"]
+    assert saved["variables"] == list(refused.variables)

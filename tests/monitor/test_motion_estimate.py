@@ -7,7 +7,7 @@ RATE = 100.0
 
 
 def run(window, t, values, at=0.0):
-    """The motion at each sample's instant, less a lag, once there is one."""
+    """The motion at the time of each sample minus a lag, once it is known."""
     found = []
     for instant, row in zip(t, values, strict=True):
         window.add(float(instant), row)
@@ -40,7 +40,7 @@ def test_cubics_are_followed_without_delay(lag, velocities, accelerations):
 
 
 @pytest.mark.parametrize("velocities", [False, True])
-def test_stated_noise_of_the_acceleration_is_what_it_has(velocities):
+def test_the_variance_of_the_acceleration_is_that_of_its_errors(velocities):
     rng = np.random.default_rng(1)
     t = np.arange(4000) / RATE
     size = 1e-3 if velocities else 1e-4
@@ -53,10 +53,10 @@ def test_stated_noise_of_the_acceleration_is_what_it_has(velocities):
             found.append(local.at(float(instant))[2][0])
             stated.append(local.variance_of_acceleration(float(instant))[0])
     ratio = np.sqrt(np.mean(stated)) / np.std(found)
-    assert 0.85 < ratio < 1.15, ratio  # 3700 samples, 20 of which count as one: 5 % of either
+    assert 0.85 < ratio < 1.15, ratio  # 3700 samples, 20 of which count as one: 5 %
 
 
-def test_nothing_older_than_the_window_plays_a_part():
+def test_samples_older_than_the_window_have_no_effect():
     t = np.arange(100) / RATE
     one, other = (
         run(MotionWindow(1, 0.2, RATE, False, False), t, values)

@@ -13,9 +13,9 @@ pytest.importorskip("mujoco")
 CONTACT = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[2] / "docs" / "examples" / "contact.py")))
 N = 6
 PUSH = 0.2
-"""s of a push."""
+"""Duration of a push, s."""
 AFTER = PUSH + 0.2
-"""s after a push's beginning in which a contact is its: the arm swings back, and the motion's window still knows it."""
+"""Time after the start of a push in which contacts belong to it, s: the arm swings back within the motion's window."""
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +37,12 @@ def tracker_of(result):
 
 
 def largest(arm, trajectory):
-    """(n,) efforts of a free run, N m."""
+    """(n,) largest efforts of a free run, N m."""
     return np.abs(arm.model.effort(trajectory.motion(np.arange(0.0, 20.0, 0.01)), arm.theta)).max(axis=0)
 
 
 def test_the_example_finds_the_contact(arm, result):
-    run = CONTACT.meet(arm)
+    run = CONTACT.run_with_contact(arm)
     seen = CONTACT.track(tracker_of(result), run)
     threshold = np.array([now.threshold for now in seen])
     beyond = (np.abs(run.external) > threshold).any(axis=1)
@@ -51,7 +51,7 @@ def test_the_example_finds_the_contact(arm, result):
     assert start <= raised[0] <= start + 0.06
     touched = run.t[run.external.any(axis=1)]
     assert abs(touched[0] - CONTACT.BEGIN) < 0.01
-    assert "contact: said at" in CONTACT.tell(run, seen)
+    assert "contact: detected at" in CONTACT.summary(run, seen)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Push:
 
 
 def random_pushes(efforts, seconds, seed):
-    """One every 1.2 s, half a second earlier or later; 15 to 40 % of a joint's largest effort."""
+    """Every 1.2 s with a random delay of up to 0.5 s; 15 to 40 % of a joint's largest effort."""
     rng = np.random.default_rng(seed)
     starts = np.arange(1.5, seconds - 1.0, 1.2)
     starts += rng.uniform(0.0, 0.5, len(starts))
@@ -75,7 +75,7 @@ def random_pushes(efforts, seconds, seed):
 
 
 def pushing(pushes):
-    """What `record` calls at every step."""
+    """The function that `record` calls at every step."""
 
     def disturb(t, data):
         data.qfrc_applied[:] = 0.0
@@ -87,7 +87,7 @@ def pushing(pushes):
 
 
 def judged(arm, result, seconds, seed):
-    """Pushes, the first contact that is each one's, or None, and contacts that are nobody's."""
+    """Pushes, the first contact of each or None, and contacts without a push."""
     other = motion_of(5 + seed)
     pushes = random_pushes(largest(arm, other), seconds, seed)
     tracker = tracker_of(result)
@@ -100,7 +100,7 @@ def judged(arm, result, seconds, seed):
 def assert_found(pushes, first, false):
     found = [(push, alarm) for push, alarm in zip(pushes, first, strict=True) if alarm is not None]
     assert len(found) >= 0.95 * len(pushes)
-    assert sum(alarm.joint == push.joint + 1 for push, alarm in found) >= 0.8 * len(found)  # asked for: 0.95
+    assert sum(alarm.joint == push.joint + 1 for push, alarm in found) >= 0.8 * len(found)  # a robot should reach 0.95
     assert np.median([alarm.raised - push.start for push, alarm in found]) <= 0.06
     assert len(false) <= 0.05 * len(pushes)
 

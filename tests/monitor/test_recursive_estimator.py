@@ -99,7 +99,7 @@ def earlier_precision(case):
 
 
 def doubted(case, seed=1):
-    """(N, n) probabilities of all kinds, nearer to certainty where the effort is large."""
+    """(N, n) probabilities that are more certain for larger efforts."""
     spread = np.random.default_rng(seed).uniform(0.2, 3.0, case.effort.shape)
     return 1.0 / (1.0 + np.exp(-2.0 * case.effort / (spread * case.effort.std(axis=0))))
 
@@ -122,7 +122,7 @@ def weights_of(case, estimator):
 
 
 @pytest.mark.parametrize(("pieces", "seed"), [(1, 0), (150, 2)])
-def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces, seed):
+def test_coefficients_are_those_of_one_fit_to_all_chunks(pieces, seed):
     case = stream()
     probability, moving = doubted(case), some_moving(case)
     estimator = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces, probability, moving, seed)
@@ -147,7 +147,7 @@ def test_with_forgetting_they_are_those_of_weighted_least_squares():
     np.testing.assert_allclose(estimator.effective_samples, weight @ some_moving(case) / time, rtol=FINE)
 
 
-def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
+def test_the_sd_is_that_of_the_estimates_for_coloured_noise():
     case, scores = stream(), []
     identified = case.identified(correlation=0.05)
     rng = np.random.default_rng(0)
@@ -156,12 +156,12 @@ def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
         running = bayesid.RecursiveEstimator(identified, signed=[True] * 3)
         running.add(case.motion, measured, case.sign, np.ones(measured.shape, dtype=bool))
         scores.append((means(running) - case.beta) / sds(running))
-    # 40 draws of 20 and more coefficients that hang together: some 10 independent ones, 5 % of a standard deviation.
-    # Counting samples by their integrated time takes the motion to be slow beside the noise, which costs some more.
+    # 40 draws of 20 and more correlated coefficients: some 10 independent ones, 5 % of a standard deviation.
+    # Effective samples assume a motion that is slow beside the noise, which adds some error.
     assert 0.8 < np.std(scores) < 1.25
 
 
-def test_what_shows_nothing_stays_as_the_model_has_it():
+def test_coefficients_without_information_keep_the_models_values():
     case = stream()
     running = bayesid.RecursiveEstimator(case.identified())
     np.testing.assert_allclose(means(running), case.beta)
@@ -176,7 +176,7 @@ def test_what_shows_nothing_stays_as_the_model_has_it():
     assert running.coefficient("Fc3").decided_by == "data"
 
 
-def test_what_was_known_before_counts_if_it_is_to():
+def test_the_earlier_log_counts_with_earlier():
     case = stream()
     precision = earlier_precision(case)
     identified = case.identified(precision=precision)
@@ -190,8 +190,8 @@ def test_what_was_known_before_counts_if_it_is_to():
 
 
 @pytest.mark.parametrize(("sharper", "decided_by"), [(0.01, "data"), (100.0, "earlier log")])
-def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
-    """By their information alone: what the model may lack is in the sd before as it is in the sd now."""
+def test_decided_by_the_stream_or_the_earlier_log(sharper, decided_by):
+    """By their information alone: both sd include possibly missing effects."""
     case = stream()
     model_error_covariance, by_gains = (np.diag(np.full(len(case.beta), size)) for size in (3.0, 1.0))
     precision = sharper * earlier_precision(case)
@@ -210,7 +210,7 @@ def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
 
 
 def test_records_of_a_tracker_are_chunks():
-    """With readings that are missing, samples that bring nothing, and the first ones, of which nothing is known."""
+    """With missing readings, samples that are not fresh, and first samples without values."""
     case, signed = stream(), [False, True, False]
     tracker = bayesid.SignTracker(case.identified(), RATE, lag=0.05, signed=signed)
     readings = np.where(signed, case.measured, np.abs(case.measured))
@@ -247,7 +247,7 @@ def test_the_model_is_in_the_cone_and_near_the_coefficients():
     assert model.predict(case.motion, noise=False).sd_of_mean.shape == case.effort.shape
 
 
-def test_samples_count_by_the_streams_own_rate():
+def test_effective_samples_follow_the_rate_of_the_stream():
     case, step = stream(), 4
     running = bayesid.RecursiveEstimator(case.identified(correlation=0.1))
     running.add(case.motion[::step], np.abs(case.measured)[::step], case.sign[::step], case.effort[::step] != 0.0)
@@ -255,7 +255,7 @@ def test_samples_count_by_the_streams_own_rate():
     np.testing.assert_allclose(running.effective_samples, len(case.motion[::step]) / expected, rtol=1e-9)
 
 
-def test_standstill_does_not_count_however_the_stream_is_cut():
+def test_standstill_does_not_count_for_any_chunks():
     case = stream()
     speed = np.abs(case.motion.dq)
     moving = speed > 0.01 * np.maximum.accumulate(speed)
@@ -263,7 +263,7 @@ def test_standstill_does_not_count_however_the_stream_is_cut():
     expected = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
     for pieces in (1, 31):
         own = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces)
-        own.add(case.motion[:0], case.effort[:0], case.sign[:0])  # of no sample: nothing changes
+        own.add(case.motion[:0], case.effort[:0], case.sign[:0])  # an empty chunk changes nothing
         np.testing.assert_allclose(own.effective_samples, expected.effective_samples, rtol=1e-12)
         np.testing.assert_allclose(means(own), means(expected), rtol=FINE, atol=FINE)
 
@@ -280,10 +280,10 @@ def test_readings_that_show_no_effort_do_not_count():
     np.testing.assert_allclose(means(running), means(expected), rtol=FINE, atol=FINE)
 
 
-def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
+def test_effects_with_a_memory_continue_over_chunks(monkeypatch):
     case = Stream(duration=8.0)
     case.model = case.model.extend(Delay(lag=(0.023,)))
-    monkeypatch.setattr(stream_moments, "EFFECTS", replace(TUNING, look_back=64))  # of a spline's end 0.27^64 is felt
+    monkeypatch.setattr(stream_moments, "EFFECTS", replace(TUNING, look_back=64))  # a spline decays by 0.27 per sample
     moving = everywhere(case)
     whole = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
     parts = fed(case, bayesid.RecursiveEstimator(case.identified()), 23, moving=moving)
@@ -340,7 +340,7 @@ def test_the_check_does_not_depend_on_the_chunks_nor_on_how_many_segments_are_ke
     assert [(one.joint, one.start, one.end) for one in few.segments] == [
         (one.joint, one.start, one.end) for one in many.segments
     ]
-    assert merged.cost_used == pytest.approx(few.cost_used, rel=1e-6)  # what is merged adds up
+    assert merged.cost_used == pytest.approx(few.cost_used, rel=1e-6)  # merged segments add up
     assert merged.cost >= few.cost * (1.0 - 1e-6)
 
 
@@ -367,7 +367,7 @@ def test_memory_stays_bounded():
     assert max(sizes[4:]) < 1.3 * max(sizes[:4])
 
 
-def test_a_restored_estimator_goes_on_to_the_digit():
+def test_a_restored_estimator_continues_exactly():
     case = stream()
     running = bayesid.RecursiveEstimator(case.identified(), forget=5.0)
     probability = doubted(case)
@@ -433,7 +433,7 @@ def test_a_real_stream_agrees_with_the_identification_of_its_log():
     running = bayesid.RecursiveEstimator(offline)
     for part in cuts_of(len(signals.motion), 25):
         running.add(signals.motion[part], signals.raw_effort[part], offline.probability[part], used[part])
-    # The offline fit weighs rows by another noise and is in the cone: two sd of the least certain coefficients.
+    # The offline fit has other weights and is in the cone: two sd of the least certain coefficients.
     for beta in (means(running), offline.coefficients.project(running.model().theta)):
         assert np.abs((beta - fit.beta) / fit.sd).max() < 2.5
         assert np.sqrt(np.mean(((beta - fit.beta) / fit.sd) ** 2)) < 1.0

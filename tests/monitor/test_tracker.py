@@ -55,8 +55,8 @@ def test_a_joint_with_a_sign_keeps_it():
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.2])
-def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
-    """So its time never goes back, nor before the first sample, nor into a gap; what is not known of it is nan."""
+def test_a_record_is_of_the_sample_one_lag_before(lag):
+    """Its time never decreases, nor lies before the first sample or in a gap; unknown values are nan."""
     motion, effort = stream()
     motion = replace(motion, t=motion.t + 0.37)
     tracker, first = run(motion, effort, rows=slice(0, 150), lag=lag)
@@ -80,12 +80,12 @@ def test_a_record_is_of_the_oldest_sample_that_is_waited_for(lag):
 
 
 def same(one, other):
-    """Whether two records are the same to the digit."""
+    """Whether two records are exactly equal."""
     pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in fields(one)]
     return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
 
 
-def test_a_restart_goes_on_to_the_digit():
+def test_a_restart_continues_exactly():
     (motion, effort), lag = stream(2, changed(Fc2=2.5)), 0.05
     tracker, _ = run(motion, effort, rows=slice(0, 700), lag=lag)
     state = tracker.state()
@@ -115,7 +115,7 @@ def test_late_repeated_and_missing_samples_are_counted_and_change_nothing():
     assert (counts.updates, counts.repeated, counts.late, counts.missing, counts.gaps) == (300, 1, 1, 2, 0)
 
 
-def test_an_effort_that_is_missing_is_the_model_s():
+def test_a_missing_effort_has_the_models_sign():
     motion, effort = stream()
     tracker, _ = run(motion, effort, rows=slice(0, 200))
     reading = np.abs(effort[200])
@@ -126,11 +126,11 @@ def test_an_effort_that_is_missing_is_the_model_s():
     assert not np.isnan(record.effort[[0, 2]]).any()
     assert (record.probability[1] > 0.5) == (record.predicted[1] > 0.0)
     assert np.isfinite(record.external).all()
-    assert len(tracker.window()) == 200, "a row that lacks an effort is no row with an effort of zero"
+    assert len(tracker.window()) == 200, "a missing effort is not an effort of zero"
 
 
-def test_a_clock_that_is_set_back():
-    """Five samples show it, the fifth of which is the first that counts; then all is as in a tracker that begins."""
+def test_a_clock_reset():
+    """It is detected at the fifth sample, which is the first that counts; then the tracker restarts."""
     motion, effort = stream()
     tracker, _ = run(motion, effort, rows=slice(0, 1000))
     later = replace(motion, t=motion.t - 400.0)
@@ -155,12 +155,12 @@ def test_neither_objects_nor_the_state_grow_with_updates():
             blocks, size = sys.getallocatedblocks(), len(pickle.dumps(tracker.state()))
         tracker.update(k / RATE, motion.q[k % period], np.abs(effort[k % period]))
     assert not tracker.alarms
-    assert sys.getallocatedblocks() - blocks < 500  # one of each update would be 1,500 blocks
+    assert sys.getallocatedblocks() - blocks < 500  # one per update would be 1,500 blocks
     assert len(pickle.dumps(tracker.state())) < 1.5 * size
 
 
-def test_thresholds_hold_from_the_start():
-    """Positions with an encoder's noise: 3600 false contacts an hour are 1 % of the observer's independent values."""
+def test_thresholds_are_valid_from_the_start():
+    """With encoder noise: 3600 false contacts per hour are 1 % of the observer's independent values."""
     motion, effort = stream()
     tracker, rng, beyond = SignTracker(identified(), RATE, false_alarms=3600.0), np.random.default_rng(5), []
     for start in rng.integers(0, len(T) - 40, 120):
@@ -179,7 +179,7 @@ def test_thresholds_hold_from_the_start():
 
 
 def pushed(joint, size, start, length=0.2):
-    """A stream in which something pushes a joint (from 1) by a share of its effort's range: M ddq = tau + push."""
+    """A stream with a push on a joint (from 1) by a share of its largest effort: M ddq = tau + push."""
     motion, effort = stream()
     during = (motion.t >= start) & (motion.t < start + length)
     torque = size * np.abs(effort).max(axis=0)[joint - 1]
@@ -189,7 +189,7 @@ def pushed(joint, size, start, length=0.2):
 
 
 @pytest.mark.parametrize("joint", [1, 3])
-def test_external_torque_is_that_which_pushes(joint):
+def test_external_torque_is_that_of_the_push(joint):
     motion, _ = stream()
     quiet = np.flatnonzero(np.abs(motion.dq[:, joint - 1]) > 0.3 * motion.top_speed[joint - 1])
     strong = np.abs(stream()[1][:, joint - 1]) > 0.4 * np.abs(stream()[1][:, joint - 1]).max()
@@ -197,15 +197,15 @@ def test_external_torque_is_that_which_pushes(joint):
     sign = np.sign(stream()[1][int(start * RATE), joint - 1])
     motion, effort, torque, during = pushed(joint, -0.3 * sign, start, 0.4)  # away from zero: the sign stays
     _, records = run(motion, effort)
-    settled = np.flatnonzero(during)[20:]
-    external = np.array([records[k].external for k in settled])
-    limit = np.array([records[k].threshold for k in settled])
+    after_transient = np.flatnonzero(during)[20:]
+    external = np.array([records[k].external for k in after_transient])
+    limit = np.array([records[k].threshold for k in after_transient])
     expected = np.zeros(3)
     expected[joint - 1] = torque
     assert (np.abs(external - expected) < limit).all()
 
 
-def test_pushes_are_found_in_time_and_told_from_changes():
+def test_pushes_are_found_in_time_and_distinguished_from_changes():
     motion, _ = stream()
     times = np.arange(2.0, 28.0, 1.3)
     joints = 1 + np.arange(len(times)) % 3
@@ -217,7 +217,7 @@ def test_pushes_are_found_in_time_and_told_from_changes():
     assert {alarm.kind for alarm in tracker.alarms} == {"contact"}
     found = [next((a for a in tracker.alarms if start <= a.time <= start + 0.25), None) for start in times]
     hits = [(a, start, joint) for a, start, joint in zip(found, times, joints, strict=True) if a is not None]
-    assert len(hits) >= 0.9 * len(times)  # |tau - push| = |tau| where the push is twice the torque: nobody sees that
+    assert len(hits) >= 0.9 * len(times)  # |tau - push| = |tau| if the push is twice the torque: it is invisible
     assert all(alarm.joint == joint for alarm, _, joint in hits)
     assert np.median([alarm.time - start for alarm, start, _ in hits]) <= 0.06
     assert len(tracker.alarms) == len(hits)
@@ -268,7 +268,7 @@ def test_the_window_of_a_change_is_a_log_for_a_discrepancy():
     assert "payload" in {name for effect in found.added for name in (effect.effect, *effect.equivalent)}
 
 
-def test_what_cannot_be_tracked_is_refused():
+def test_invalid_options_and_samples_are_refused():
     bad = {"rate": [0.0, np.nan], "lag": [-1.0, 3.0], "signed": [[True]], "payload": ["tool1"], "false_alarms": [0.0]}
     for name, values in bad.items():
         for value in values:
@@ -314,7 +314,7 @@ def test_real_streams(ur10e, name, lag, least):
 
 @pytest.mark.real
 def test_a_real_payload(ur10e):
-    """Streamed to the model of the unloaded arm: named within 2 s of motion."""
+    """Streamed to the model of the unloaded arm: classified within 2 s of motion."""
     loaded = bayesid.read_log(real_log("ur10e/c_loaded.csv"), unsigned="all")
     tracker = SignTracker(ur10e, RATE)
     for t, q, e, dq in zip(loaded.t, loaded.q, loaded.effort, loaded.dq, strict=True):

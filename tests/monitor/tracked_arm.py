@@ -1,4 +1,4 @@
-"""A simulated arm of three joints that runs: its identified model, and streams of it with something that happens."""
+"""A simulated arm of three joints: its identified model, and streams with events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bayesid.simulation.trajectories import random_trajectory
 
 RATE = 100.0
 NOISE = 0.02
-"""Of the effort's RMS."""
+"""Share of the effort's RMS."""
 ROBOT = small_robot(3)
 T = np.arange(3000) / RATE
 
@@ -36,7 +36,7 @@ def truth():
 
 @cache
 def identified():
-    """From 20 s of another motion, without signs."""
+    """The model identified from 20 s of another motion, without signs."""
     model, theta = truth()
     motion = motion_of(1, np.arange(2000) / RATE)
     log = bayesid.Log(motion.t, motion.q, np.abs(noisy(model.effort(motion, theta), 1)), [False] * 3)
@@ -51,7 +51,7 @@ def noisy(effort, seed):
 
 @cache
 def stream(seed=2, theta=None):
-    """Motion and signed efforts of a run, by the true parameters or others."""
+    """Motion and signed efforts of a run, with the true or given parameters."""
     model, usual = truth()
     motion = motion_of(seed)
     return motion, noisy(model.effort(motion, usual if theta is None else np.array(theta)), seed)
@@ -75,7 +75,7 @@ def run(motion, effort, tracker=None, rows=slice(None), **options):
 
 
 def right_share(records, motion, effort, least=0.05):
-    """Of the samples in motion whose effort is not small."""
+    """Share of right signs in samples in motion whose effort is not small."""
     k = np.searchsorted(motion.t, [record.t - 1e-6 for record in records])
     probability = np.array([record.probability for record in records])
     used = (np.abs(effort) >= least * np.abs(effort).max(axis=0))[k]

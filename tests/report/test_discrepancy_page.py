@@ -1,4 +1,4 @@
-"""The page of a discrepancy and its figures, of results made by hand."""
+"""The page of a discrepancy and its figures, for made-up results."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is said of a discrepancy: the verdicts, their states, and the numbers, joints and effects that they name."""
+"""Verdicts of a discrepancy: their states, numbers, joints and effects."""
 
 import re
 import string
@@ -49,12 +49,12 @@ def checks_of(result, name=None):
 
 
 def line(result, name):
-    """What one of the lines on top says; nothing where there is none."""
+    """Text of one of the lines on top; empty without it."""
     return next((one.message for one in in_brief(result) if one.name == name), "")
 
 
 def test_numbers_keep_the_digits_that_are_known():
-    for value, sd, unit, told in (
+    for value, sd, unit, text in (
         (1.9, 0.1, "N m", "1.90 +- 0.10 N m"),
         (1.9, 0.31, "N m", "1.9 +- 0.3 N m"),
         (1.9, np.nan, "N m", "1.90 N m"),
@@ -65,9 +65,9 @@ def test_numbers_keep_the_digits_that_are_known():
         (np.nan, np.nan, "N m", "unknown N m"),
         (3.0, 0.0, "s", "3.00 s"),
     ):
-        assert quantity(value, sd, unit) == told
-    told = [rounded(value) for value in (0.3, 2.4, 0.09999, 123.4, 0.0, 2e-7)]
-    assert told == ["0.300", "2.40", "0.100", "123", "0.00", "2.00e-07"]
+        assert quantity(value, sd, unit) == text
+    text = [rounded(value) for value in (0.3, 2.4, 0.09999, 123.4, 0.0, 2e-7)]
+    assert text == ["0.300", "2.40", "0.100", "123", "0.00", "2.00e-07"]
 
 
 TILT = {"tilt1": (np.deg2rad(1.5), np.deg2rad(0.02), "rad"), "tilt2": (np.deg2rad(-0.5), np.nan, "rad")}
@@ -108,15 +108,15 @@ FOUND = [
 ]
 
 
-def test_an_effect_that_was_found_is_told_with_its_numbers():
+def test_a_found_effect_is_reported_with_its_numbers():
     for added, state, says in FOUND:
         check = discrepancy_checks(make(added=(added,)))[0]
         assert check.state == state
         assert holds(check.message, *says), check.message
-        assert state == "good" or "-1.8" not in check.message  # what would be negative is not told as found
+        assert state == "good" or "-1.8" not in check.message  # a negative friction is not reported as found
 
 
-def test_what_cannot_be_told_apart_names_the_motions_that_would():
+def test_indistinguishable_effects_have_motions_that_distinguish_them():
     shown_by = CoulombFriction.shown_by, TorqueOffset.shown_by
     check = discrepancy_checks(make(added=(found(friction(), FRICTION, equivalent=["torque_offset"]),)))[0]
     assert holds(check.remedy, *shown_by)
@@ -126,13 +126,13 @@ def test_what_cannot_be_told_apart_names_the_motions_that_would():
     assert holds(check.message, "5.20 +- 0.10 mm", "joint 3")
 
 
-def test_what_an_effect_is_worth_is_told():
+def test_the_size_of_an_effect_is_reported():
     """Its size in joint 2, 2.25 of 45 N m."""
     result = make(added=(found(friction(), FRICTION, **WORTH),), identification=made_of(sliding=(3,)))
     assert holds(discrepancy_checks(result)[0].message, "2.25 N m", "5.0 %", "joint 2's rated effort")
 
 
-def test_the_gap_is_told_before_and_after_beside_the_floor():
+def test_the_gap_is_reported_before_and_after_with_the_floor():
     assert holds(line(make(), "Gap"), "2.41", "0.312 N m", "joint 2", "0.300 N m")
     assert holds(line(make(identification=made_of(sliding=(2,))), "Gap"), "0.312 N in joint 2")
     sizes = {"before": np.arange(1.0, 6.0), "after": np.array([0.9, 1.1, 3.0, 0.5, 6.0]), "floor": floor_of(np.ones(5))}
@@ -141,7 +141,7 @@ def test_the_gap_is_told_before_and_after_beside_the_floor():
     assert holds(gap, "5.00", "6.00", "joint 5", "4.00", "0.500", "joint 4", "3.00", "joint 3")
 
 
-def test_joints_that_stay_unexplained_are_named_with_what_is_left():
+def test_unexplained_joints_are_reported_with_their_residual():
     result = make(status="unexplained", unexplained=((2, 5.24),), added=(), not_testable=())
     (check,) = discrepancy_checks(result)
     assert check.state == "bad"
@@ -150,7 +150,7 @@ def test_joints_that_stay_unexplained_are_named_with_what_is_left():
     assert "residual of joint 2" in line(result, "Next")
 
 
-def test_which_data_say_that_a_joint_is_unexplained_is_said():
+def test_the_data_that_show_an_unexplained_joint_are_reported():
     changes = {**NOTHING, "status": "unexplained", "after": np.array([0.292, 0.312, 0.496])}
     for says in (("held-back data",), ("log", "held-back data"), ("gap grew on held-back data",)):
         result = make(**changes, unexplained=((3, 1.6),), unexplained_on={3: says})
@@ -160,7 +160,7 @@ def test_which_data_say_that_a_joint_is_unexplained_is_said():
         assert ("0.39 N m" in line(result, "Remaining")) != grown, "0.31 N m times the root of 1.6 squared less one"
 
 
-def test_nothing_missing_is_told_by_the_worst_joint():
+def test_without_missing_effects_the_worst_joint_is_reported():
     result = make(status="no_discrepancy", **NOTHING, before=np.array([0.292, 0.312, 0.313]))
     assert discrepancy_checks(result) == ()
     assert [one.name for one in in_brief(result)] == ["Missing", "Gap", "Remaining", "Next"]
@@ -172,7 +172,7 @@ def test_nothing_missing_is_told_by_the_worst_joint():
     assert holds(line(moved, "Gap"), "2.41", "0.312 N m", "0.300")
 
 
-def test_a_floor_that_is_a_models_own_error_is_to_be_looked_at():
+def test_a_floor_that_is_a_models_error_needs_attention():
     rms = np.array([0.29, 0.30, 0.31])
     floor = floor_of(rms, "earlier model's residual", lasting=[0, 2], white=0.5)
     result = make(status="no_discrepancy", **NOTHING, floor=floor)
@@ -193,7 +193,7 @@ def partly_explained():
     return make(status="partly_explained", added=(PAYLOAD, changed), where=where, unexplained=left)
 
 
-def test_what_was_found_and_what_is_left_leads():
+def test_found_effects_and_remaining_residual_come_first():
     result = partly_explained()
     assert holds(line(result, "Missing"), "payload of 2.80 +- 0.04 kg", "change of Coulomb friction", "joint 1")
     assert holds(line(result, "Remaining"), "1.5 N m in joint 2", "0.35 N m in joint 3")
@@ -205,8 +205,8 @@ def test_what_was_found_and_what_is_left_leads():
     ]
 
 
-def test_five_lines_say_it_all():
-    """What cannot be told apart, or would be impossible, is no sure finding, and the next step is what would tell."""
+def test_the_brief_has_five_lines():
+    """Indistinguishable or impossible effects are not certain; the next step is a motion that distinguishes them."""
     worth = {"size": EffortSize(2, 1.5, 2.25, 45.0, "rated effort")}
     alike = found(friction(), FRICTION, equivalent=["torque_offset"], **worth)
     weak = [found(TorqueOffset(joints=(joint,))) for joint in (1, 2, 3)]
@@ -216,17 +216,17 @@ def test_five_lines_say_it_all():
     assert [one.name for one in lines] == ["Missing", "Size", "Gap", "Remaining", "Next"]
     assert max(len(one.message.split()) for one in lines) <= 40
     assert lines[0].state == "look"
-    said = lines[0].message
-    assert said.startswith("Coulomb friction in joint 2 (or torque offset); ")
-    assert "an effect similar to thermal drift in joint 2" in said
-    assert "2 smaller effects" in said
+    message = lines[0].message
+    assert message.startswith("Coulomb friction in joint 2 (or torque offset); ")
+    assert "an effect similar to thermal drift in joint 2" in message
+    assert "2 smaller effects" in message
     assert holds(lines[1].message, "2.25 N m in joint 2", "5.0 %", "rated effort")
     assert ThermalDrift.shown_by in lines[4].message
     assert CoulombFriction.shown_by in line(make(added=(PAYLOAD, alike)), "Next")
     assert "extended model" in line(make(added=(PAYLOAD,)), "Next")
 
 
-def test_what_has_changed_is_not_called_known():
+def test_a_changed_parameter_is_not_called_known():
     changed = found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",))
     known = (("coulomb_friction", (2,)), ("coulomb_friction", (3,)))
     (check,) = checks_of(make(added=(changed,), preexisting=known), "In both logs")
@@ -237,12 +237,12 @@ def test_what_has_changed_is_not_called_known():
 
 def numbers_of(kind):
     """Names, without joints, that a form's numbers have in a result."""
-    told = {number.name or key for key, number in kind.number_fields().items() if number.unit}
+    named = {number.name or key for key, number in kind.number_fields().items() if number.unit}
     if issubclass(kind, effects.Distortion):
         own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}}
-        return {kind.symbol} if kind.of_table else own.get(kind.name, told)
+        return {kind.symbol} if kind.of_table else own.get(kind.name, named)
     if issubclass(kind, effects.ActuatorTerm):
-        return {one.symbol.rstrip("_") for one in kind.coefficients} | told
+        return {one.symbol.rstrip("_") for one in kind.coefficients} | named
     if kind is LearnedEffect or kind.frees:  # its formula holds them; those of other terms
         return set()
     if kind is CarriedPayload:

@@ -31,14 +31,14 @@ def test_an_alarm_is_a_line_with_its_time_kind_joints_and_size():
         assert re.search(".*".join(map(re.escape, parts)), alarm_line(alarm))
 
 
-def test_a_stream_is_good_without_alarms_and_else_says_how_to_go_on_with_each():
+def test_a_stream_is_good_without_alarms_and_otherwise_has_a_remedy_for_each():
     assert stream_conclusion((), "result", "log.csv", 9.0).state == "good"
     alarms = PAYLOAD, CONTACT, replace(CONTACT, time=2.0)
     found = stream_conclusion(alarms, "result", "my log.csv", 9.0)
-    assert (found.state, len(found.actions)) == ("look", 2), "contacts are looked at together"
-    assert all(said in found.sentence for said in ("3 alarms", "payload", "2 times contact"))
+    assert (found.state, len(found.actions)) == ("look", 2), "contacts have one remedy"
+    assert all(text in found.sentence for text in ("3 alarms", "payload", "2 times contact"))
     assert all(
-        said in found.actions[0].remedy for said in ("`bayesid discrepancy result 'my log.csv'`", "2.31 to 9.00 s")
+        text in found.actions[0].remedy for text in ("`bayesid discrepancy result 'my log.csv'`", "2.31 to 9.00 s")
     )
     assert len(stream_conclusion(alarms, "result", "my log.csv", 9.0, named={0}).actions) == 1
 
@@ -58,12 +58,12 @@ def test_signs_of_samples_that_count_are_compared():
     assert "60.0 %" in line.message
 
 
-def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
-    """Of two samples in a row the lesser: one alone beyond the threshold is none; nothing where none is known."""
+def test_the_largest_external_torque_is_that_of_the_test_of_a_contact():
+    """The lesser of two successive samples: one alone above the threshold does not count."""
     ratios = np.array([[np.nan, 0.2], [0.5, 9.0], [1.64, 0.3], [0.9, 0.4], [0.3, 1.2], [0.2, -1.1], [0.1, np.nan]])
     limit = np.array([20.0, 4.0])
-    nothing, nobody = np.zeros(2), np.full(2, np.nan)
-    now = TrackedSample(0.0, *[nothing] * 6, nobody, limit, ("moving",) * 2, (), (), *[nothing] * 3)
+    zero, unknown = np.zeros(2), np.full(2, np.nan)
+    now = TrackedSample(0.0, *[zero] * 6, unknown, limit, ("moving",) * 2, (), (), *[zero] * 3)
     of_stream = StreamFigures.of_joints(2)
     assert [row[-1] for row in track_rows(of_stream, None)] == ["-", "-"]
     for ratio in ratios:
@@ -77,15 +77,15 @@ def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
     np.testing.assert_array_equal(sparsity.any(axis=0), of_stream.pushed > 1.0)
 
 
-def test_what_was_not_compared_and_what_became_of_the_rows_is_said():
+def test_missing_comparisons_and_counts_of_rows_are_reported():
     none = Agreement.of(np.ones((3, 2)), np.ones((3, 2), dtype=bool), np.zeros((3, 2), dtype=bool))
-    said = (None, "the log is too short", None), (none, "done", None)
-    assert [track_lines(*one)[0].state for one in said] == ["look", "look"]
+    arguments = (None, "the log is too short", None), (none, "done", None)
+    assert [track_lines(*each)[0].state for each in arguments] == ["look", "look"]
     assert "known in the log" in track_lines(none, "done", None, signed=True)[0].message
     assert re.findall(r"\d+", count_line(Counts(), figures(), 0.0)) == ["0"]
 
 
-def test_update_times_are_kept_to_a_hundredth(rng):
+def test_quantiles_of_update_times(rng):
     times, taken = UpdateTimes(), 1e-3 * np.exp(0.5 * rng.standard_normal(2000))
     for seconds in taken:
         times.append(seconds)
@@ -103,12 +103,12 @@ def made_stream(n=2, alarms=(PAYLOAD, CONTACT)):
         "predicted": 0.9 * wave,
         "predicted_sd": 0.1 + 0.0 * wave,
     }
-    known = (t > 0.12)[:, None]  # of the first instants no torque is told
+    known = (t > 0.12)[:, None]  # without torques of the first samples
     parts |= {"external": np.where(known, 0.1 * wave, np.nan), "threshold": np.where(wave > 0.9, np.inf, 1.0)}
     return Replay(t, **parts, alarms=alarms, counts=Counts(), figures=figures(), lag=0.0, rate=50.0)
 
 
-def test_every_joint_has_its_effort_and_its_external_torque():
+def test_every_joint_has_panels_of_effort_and_external_torque():
     figure = stream_figure(made_stream())
     assert len(figure.axes) == 4
     effort, external = figure.axes[2:]

@@ -31,8 +31,8 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-def test_gap_is_the_rms_of_what_is_left():
-    """Joint 1 has its own signs, joint 2 those of the prediction: 3 and -2 leave 5 in the one, 1 in the other."""
+def test_gap_is_the_rms_residual():
+    """Joint 1 is signed, joint 2 has the signs of the prediction: 3 and -2 have a residual of 5 and of 1."""
     motion = smooth_motion(2, 1.0, RATE)
     used = np.arange(100)[:, None] >= np.array([10, 60])
     effort = np.where(used, 3.0, 99.0)
@@ -46,10 +46,10 @@ def test_gap_is_the_rms_of_what_is_left():
 
 
 def test_samples_count_in_motion_and_away_from_the_ends():
-    """2.5 times a hundredth of the highest speed; half a period of the cut-off."""
+    """Above 2.5 % of the highest speed; half a period of the cut-off from the ends."""
     robot, motion = small_robot(2), smooth_motion(2, 8.0, RATE, seed=5)
     q = motion.q.copy()
-    q[300:, 1] = np.concatenate([np.full(100, q[299, 1]), q[300 : len(q) - 100, 1]])  # and goes on from there
+    q[300:, 1] = np.concatenate([np.full(100, q[299, 1]), q[300 : len(q) - 100, 1]])  # and continues from there
     model = Model(robot, make_terms(["rigid_body"], robot, motion))
     signals = prepare(Log(motion.t, q, np.abs(motion.q) + 1.0, np.zeros(2, bool)), cutoff=10.0)
     trial = make_trial(model, signals)
@@ -77,9 +77,11 @@ def periodic_trial(noise, periods=3, seed=0, samples=0, signed=False):
     ("noise", "periods", "samples"),
     [(noise_of((0.3, 2.0), (1e-9, 1e-9)), 2, 1), (noise_of((0.1, 0.5), (0.4, 1.2)), 3, 170)],
 )
-def test_floor_of_repeated_periods_is_the_sd_of_what_does_not_repeat(noise, periods, samples):
-    """N pairs, 21 of which are as one where the noise lasts for 0.1 s (and a half lasts longer where a period comes
-    in three): within 4.5 sd of the estimate, whatever the model and the log before have left."""
+def test_floor_of_repeated_periods_is_the_sd_between_them(noise, periods, samples):
+    """Within 4.5 sd of the estimate, for any residuals of the model and the earlier log.
+
+    N pairs; 21 count as one for noise with a correlation time of 0.1 s, 1.5 times as many for three periods.
+    """
     trial, _ = periodic_trial(noise, periods, samples=samples, signed=True)
     bad = np.random.default_rng(1).standard_normal(trial.used.shape) * 50.0
     floor = noise_floor(trial, bad, noise_of((40.0, 40.0), (40.0, 40.0)))
@@ -90,8 +92,8 @@ def test_floor_of_repeated_periods_is_the_sd_of_what_does_not_repeat(noise, peri
     np.testing.assert_allclose(floor.rms, noise.sigma, rtol=4.5 / np.sqrt(2.0 * pairs))
 
 
-def test_a_motion_that_nearly_repeats_does_not():
-    """An amplitude that grows by two hundredths from one period to the next."""
+def test_a_motion_that_nearly_repeats_is_not_repeated():
+    """The amplitude grows by 2 % per period."""
     noise = noise_of((0.3, 2.0), (0.1, 0.1))
     trial, error = periodic_trial(noise)
     motion = trial.signals.motion
@@ -108,7 +110,7 @@ def other_trial(noise, seed=0):
 
 
 def test_floor_is_the_earlier_noise_where_the_earlier_model_was_good():
-    """Less than a fifth of the effort in joint 1, not in joint 2, whose floor is what changes between neighbours."""
+    """Below a fifth of the effort in joint 1, above it in joint 2, whose floor is from differences of neighbours."""
     trial, error = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
     size = rms(trial.signals.raw_effort)
     earlier = noise_of((0.3, 0.6 * size[1]), (0.5, 0.6 * size[1]))
@@ -122,7 +124,7 @@ def test_floor_is_the_earlier_noise_where_the_earlier_model_was_good():
     assert refit.rms.tolist() == [floor.rms[0], 3.3]
 
 
-def test_the_fast_part_is_that_of_white_noise_whatever_lasts_and_skips_gaps():
+def test_the_fast_part_is_white_noise_beside_slow_errors_and_gaps():
     trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
     motion, white = trial.signals.motion, np.random.default_rng(3).standard_normal(trial.used.shape) * [0.3, 2.0]
     used = np.arange(len(motion))[:, None] % np.array([50, 37]) > 4
@@ -132,9 +134,11 @@ def test_the_fast_part_is_that_of_white_noise_whatever_lasts_and_skips_gaps():
 
 
 @pytest.mark.parametrize(("cutoff", "order"), [(4.0, 2), (8.0, 4)])
-def test_of_a_low_passed_log_neighbours_do_not_tell_the_noise(cutoff, order):
-    """Half the mean squared difference of filtered noise is sd^2 (1 - r), r its correlation at the lag: next to nothing
-    between neighbours, where it grows as lag^2. A hidden sign that is taken for the other one is a jump."""
+def test_the_lag_grows_for_a_low_passed_log(cutoff, order):
+    """Half the mean squared difference of filtered noise is sd^2 (1 - r), r its correlation at the lag.
+
+    It is almost 0 between neighbours and grows as lag^2. Wrong signs are jumps.
+    """
     trial, _ = other_trial(noise_of((0.3, 2.0), (0.5, 0.2)))
     rng = np.random.default_rng(6)
     white = np.array([0.3, 2.0]) * rng.standard_normal((len(trial.used), 2))
@@ -146,8 +150,8 @@ def test_of_a_low_passed_log_neighbours_do_not_tell_the_noise(cutoff, order):
     assert np.all((share > 0.4) & (share < 1.0))
 
 
-def test_a_floor_most_of_which_lasts_is_a_models_residual():
-    """By a quarter over the white noise, 0.3 and 2 N m; repeated periods ask no model."""
+def test_a_mostly_coloured_floor_is_a_models_residual():
+    """Above 1.25 times the white noise, 0.3 and 2 N m; repeated periods need no model."""
     size = rms(other_trial(noise_of((0.3, 2.0), (0.1, 0.1)))[0].signals.raw_effort)
     trial, error = other_trial(noise_of((0.3, 2.0), (0.28, 1.0)))
     floor = noise_floor(trial, error, noise_of((0.3, 2.0), (0.28, 1.0)))
@@ -161,15 +165,15 @@ def test_a_floor_most_of_which_lasts_is_a_models_residual():
 
 
 @pytest.mark.parametrize("factor", [1.3, 3.0])
-def test_white_noise_that_has_grown_raises_the_floor_but_not_without_bound(factor):
-    """By half at most: more than that is a finding."""
+def test_increased_white_noise_raises_the_floor_up_to_a_bound(factor):
+    """At most by half: more is a finding."""
     trial, error = other_trial(noise_of((0.6 * factor, 2.0 * factor), (1e-9, 1e-9)))
     floor = noise_floor(trial, error, noise_of((0.6, 2.0), (0.1, 0.1)))
     np.testing.assert_allclose(floor.rms, np.hypot(min(factor, 1.5) * np.array([0.6, 2.0]), 0.1), rtol=0.05)
 
 
 def test_limits_let_the_earlier_noise_pass_and_no_larger_one():
-    """Of twenty draws each; a fitted white or coloured part beyond its limit is more than noise."""
+    """Twenty draws each; a fitted white or coloured part above its limit is more than noise."""
     earlier = noise_of((0.3, 1.0), (0.2, 0.8))
     passed = {1.0: [], 2.0: []}
     for factor, found in passed.items():
@@ -184,7 +188,7 @@ def test_limits_let_the_earlier_noise_pass_and_no_larger_one():
 
 
 def where_case(seed=0):
-    """Two joints whose positions, speeds, accelerations and loads have little to do with each other."""
+    """Two joints with almost uncorrelated positions, speeds, accelerations and loads."""
     rng = np.random.default_rng(seed)
     motion = smooth_motion(2, 40.0, RATE, seed=9)
     load = 10.0 * np.sin(1.3 * motion.t[:, None] + np.array([0.3, 1.1])) + motion.q
@@ -202,7 +206,7 @@ RESIDUALS = {
 
 @pytest.mark.parametrize("name", RESIDUALS)
 def test_the_variable_and_its_range_are_named(name):
-    """A residual of 1 N m over some of a variable's values, to within a bin, a twelfth of the samples."""
+    """A residual of 1 N m in a range of a variable, to within a bin of a twelfth of the samples."""
     trial, load, noise = where_case()
     of, low, high = RESIDUALS[name]
     values = of(trial.actuators, load)
@@ -224,7 +228,7 @@ def test_the_variable_and_its_range_are_named(name):
     assert place[1] == pytest.approx(high, abs=1.0 / 12.0 + 0.01)
 
 
-def test_a_long_log_is_stood_for_by_stretches_of_it():
+def test_a_long_log_is_shortened_to_stretches():
     motion = smooth_motion(1, 137.0, RATE, seed=2)
     trial = made_trial(motion, 5.0 + motion.q)
     short = shortened(trial)
