@@ -286,7 +286,7 @@ def share(rows: Sequence[Row], key: str) -> str:
 def count(rows: Sequence[Any], holds: Callable[[Any], object]) -> str:
     """Number and share of rows that satisfy a condition."""
     number = sum(bool(holds(row)) for row in rows)
-    return f"{number} of {len(rows)} ({100 * number / max(len(rows), 1):.1f} %)"
+    return f"{number} of {len(rows)}" + (f" ({100 * number / len(rows):.1f} %)" if rows else "")
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:

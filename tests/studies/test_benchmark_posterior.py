@@ -5,14 +5,8 @@ import pytest
 
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.studies.benchmarks import posterior as benchmark_posterior
-from bayesid.studies.benchmarks.posterior import (
-    Linear,
-    LogCholesky,
-    main,
-    make_log_density,
-    numpyro_installed,
-    simulated_problem,
-)
+from bayesid.studies.benchmarks.nuts_coordinates import Linear, LogCholesky, make_log_density, numpyro_installed
+from bayesid.studies.benchmarks.posterior import main, simulated_problem
 
 needs_numpyro = pytest.mark.skipif(not numpyro_installed(), reason="numpyro is not installed")
 
