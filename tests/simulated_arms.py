@@ -68,13 +68,13 @@ def arm_with_friction(coulomb):
 
 
 @cache
-def settled_by_standard_terms(coulomb):
+def solution_of_standard_terms(coulomb):
     """Signs under the model of the truth, searched once for all tests."""
     arm = arm_with_friction(coulomb)
-    return settle(arm.robot, arm.log(), STANDARD)
+    return signs_of(arm.robot, arm.log(), STANDARD)
 
 
-def settle(robot, log, terms, search=None, earlier=None):
+def signs_of(robot, log, terms, search=None, earlier=None):
     """Signs under one model, from a raw log."""
     signals = prepare(log)
     model = Model(robot, make_terms(terms, robot, signals.motion))

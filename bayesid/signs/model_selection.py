@@ -195,7 +195,7 @@ class _Rounds:
     completed: _SignsUnder = field(init=False)  # under the likeliest model of confirmed effects
     detected: DetectedEffects = field(init=False)  # effects of the completed model, if it has any
     _last: DetectedEffects | None = None
-    _turned: bool = False
+    _flipped: bool = False
     _tried: dict[int, float] = field(default_factory=dict)  # residual of joints at their last failed proposals
 
     def __post_init__(self) -> None:
@@ -234,24 +234,26 @@ class _Rounds:
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
         log_data = self.plain.sign_solution.log_data
         with progress.stage("model selection"):
-            detected = detect_effects(log_data, self.fit, self.probability, [] if self._turned else start, enter=enter)
+            detected = detect_effects(log_data, self.fit, self.probability, [] if self._flipped else start, enter=enter)
             detected = self._by_all_signs(detected)
         before, self._last = self._last, detected
         if before is None:
             self.detected = detected
         if detected.keys == (set() if before is None else before.keys):
             return False
-        opinion = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("selected model"))
+        candidate = searching.under(
+            detected.extension.model, self.signs.sign_solution, progress.under("selected model")
+        )
         if (
-            _is_better(opinion, self.plain)
-            and weight_against(opinion.sign_solution, self.completed.sign_solution) >= 0.5
+            _is_better(candidate, self.plain)
+            and weight_against(candidate.sign_solution, self.completed.sign_solution) >= 0.5
         ):
-            self.completed, self.detected = opinion, detected
-        if weight_against(opinion.sign_solution, self.signs.sign_solution) < 0.5:
+            self.completed, self.detected = candidate, detected
+        if weight_against(candidate.sign_solution, self.signs.sign_solution) < 0.5:
             return False
-        changed = _changed(self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability)
-        self._follow(opinion)
-        return changed or bool(_poor(opinion.sign_solution).any())
+        changed = _changed(self.plain.sign_solution.log_data, self.probability, candidate.sign_solution.probability)
+        self._follow(candidate)
+        return changed or bool(_poor(candidate.sign_solution).any())
 
     def check(self, searching: _Searching, progress: Progress) -> None:
         """Removes effects that an unknown shape of friction near standstill would explain too."""
@@ -278,17 +280,17 @@ class _Rounds:
 
     def _reduced(self, detected: DetectedEffects, searching: _Searching, progress: Progress) -> None:
         """Completes the model with fewer effects; signs are updated if few of them change."""
-        opinion = self.plain
+        candidate = self.plain
         if detected.keys:
             reduced = searching.under(
                 detected.extension.model, self.signs.sign_solution, progress.under("selected model")
             )
-            opinion = reduced if _is_better(reduced, self.plain) else self.plain
+            candidate = reduced if _is_better(reduced, self.plain) else self.plain
         if self.signs is self.completed and not _changed(
-            self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
+            self.plain.sign_solution.log_data, self.probability, candidate.sign_solution.probability
         ):
-            self.signs = opinion
-        self.completed, self.detected = opinion, detected
+            self.signs = candidate
+        self.completed, self.detected = candidate, detected
 
     def _by_all_signs(self, detected: DetectedEffects) -> DetectedEffects:
         """Removes effects that another possible assignment of signs does not confirm."""
@@ -301,11 +303,11 @@ class _Rounds:
             return detected
         return still_detected(log_data, self.fit, self.probability, detected, detected.keys - keys)
 
-    def _follow(self, opinion: _SignsUnder) -> None:
-        self._turned = _joint_flipped(
-            self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
+    def _follow(self, candidate: _SignsUnder) -> None:
+        self._flipped = _joint_flipped(
+            self.plain.sign_solution.log_data, self.probability, candidate.sign_solution.probability
         )
-        self.signs, self.probability = opinion, opinion.sign_solution.probability
+        self.signs, self.probability = candidate, candidate.sign_solution.probability
         self.fit = fit_signed(self.plain.sign_solution.log_data, 2.0 * self.probability - 1.0)
 
 
@@ -346,46 +348,46 @@ def _clearly_negative(effect: Effect, sign_solution: SignSolution) -> bool:
 
 
 def _with_proposals(
-    opinion: _SignsUnder, tried: dict[int, float], searching: _Searching, progress: Progress
+    candidate: _SignsUnder, tried: dict[int, float], searching: _Searching, progress: Progress
 ) -> _SignsUnder:
     """Signs under the model with effects proposed for poorly explained joints, if better; else unchanged.
 
     A joint without success is tried again only when its residual has changed.
     """
-    if _poor(opinion.sign_solution).any():
+    if _poor(candidate.sign_solution).any():
         with progress.stage(_PROPOSING):
-            proposals = _poor_robot(opinion).propose()
-        opinion = _best_of(opinion, proposals, searching, progress, needed=TUNING.needed_of_robot)
-    for joint in np.flatnonzero(_poor(opinion.sign_solution))[
+            proposals = _poor_robot(candidate).propose()
+        candidate = _best_of(candidate, proposals, searching, progress, needed=TUNING.needed_of_robot)
+    for joint in np.flatnonzero(_poor(candidate.sign_solution))[
         ::-1
     ].tolist():  # from the tip, whose effects act on few joints
         for _ in range(TUNING.most_proposed):
-            residual = float(opinion.sign_solution.fit.relative_residual[joint])
+            residual = float(candidate.sign_solution.fit.relative_residual[joint])
             if abs(residual / tried.get(joint, np.inf) - 1.0) < TUNING.explained_alike:
                 break
-            better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
-            if better is opinion:
+            better = _with_proposal(candidate, joint, searching, progress.under(f"joint {joint + 1}"))
+            if better is candidate:
                 tried[joint] = residual
                 break
-            opinion = better
-    return opinion
+            candidate = better
+    return candidate
 
 
-def _with_proposal(opinion: _SignsUnder, joint: int, searching: _Searching, progress: Progress) -> _SignsUnder:
-    if not _poor(opinion.sign_solution)[joint]:
-        return opinion
+def _with_proposal(candidate: _SignsUnder, joint: int, searching: _Searching, progress: Progress) -> _SignsUnder:
+    if not _poor(candidate.sign_solution)[joint]:
+        return candidate
     with progress.stage(_PROPOSING):
-        log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
-        poor = PoorJoint.of(log, opinion.sign_solution.signs.segments, joint)
+        log, known = _signed_log(candidate), {_key(effect) for effect in candidate.model.effects}
+        poor = PoorJoint.of(log, candidate.sign_solution.signs.segments, joint)
         proposed = (
             proposal for proposal in propose(poor, log.library(joint)) if _key(proposal.effects[0]) not in known
         )
         proposals = list(islice(proposed, TUNING.most_rivals))
-    return _best_of(opinion, proposals, searching, progress)
+    return _best_of(candidate, proposals, searching, progress)
 
 
 def _best_of(
-    opinion: _SignsUnder,
+    candidate: _SignsUnder,
     proposals: Sequence[Proposal],
     searching: _Searching,
     progress: Progress,
@@ -393,21 +395,23 @@ def _best_of(
     needed: float = REGRESSION.needed,
 ) -> _SignsUnder:
     """Signs under the best proposed model, if its evidence exceeds `needed` nats; else unchanged."""
-    sign_solution, rivals = opinion.sign_solution, []
+    sign_solution, rivals = candidate.sign_solution, []
     for proposal in proposals:
         signs = np.where(np.isnan(proposal.signs), 2.0 * sign_solution.probability - 1.0, proposal.signs)
-        model = reduce(Model.extend, proposal.effects, opinion.model)
+        model = reduce(Model.extend, proposal.effects, candidate.model)
         rivals.append(searching.under(model, sign_solution, progress, [signs]))
     gains = {0.5 * evidence_gain(rival.sign_solution, sign_solution): rival for rival in rivals}
-    return gains[max(gains)] if max(gains, default=0.0) > needed else opinion
+    return gains[max(gains)] if max(gains, default=0.0) > needed else candidate
 
 
-def _poor_robot(opinion: _SignsUnder) -> PoorRobot:
-    return PoorRobot(_signed_log(opinion), opinion.sign_solution.signs.segments, _poor(opinion.sign_solution))
+def _poor_robot(candidate: _SignsUnder) -> PoorRobot:
+    return PoorRobot(_signed_log(candidate), candidate.sign_solution.signs.segments, _poor(candidate.sign_solution))
 
 
-def _signed_log(opinion: _SignsUnder) -> SignedLog:
-    return SignedLog.of(opinion.sign_solution.log_data, opinion.sign_solution.fit, opinion.sign_solution.probability)
+def _signed_log(candidate: _SignsUnder) -> SignedLog:
+    return SignedLog.of(
+        candidate.sign_solution.log_data, candidate.sign_solution.fit, candidate.sign_solution.probability
+    )
 
 
 def _key(effect: Effect) -> EffectKey:

@@ -32,7 +32,7 @@ def wrong(log, off=OFF, sd=0.2):
     return replace(log.rescaled(off), gains=Gains(off, np.broadcast_to(sd, (3,))))
 
 
-def settle(arm, log, posterior=False, **options):
+def identify_gains(arm, log, posterior=False, **options):
     return identify(arm.robot, log, STANDARD, complete="off", search=SEARCH, posterior=posterior, **options)
 
 
@@ -43,12 +43,12 @@ def arm():
 
 @pytest.fixture(scope="module")
 def known(arm):
-    return settle(arm, arm.log(noise=0.03))
+    return identify_gains(arm, arm.log(noise=0.03))
 
 
 @pytest.fixture(scope="module")
 def found(arm):
-    return settle(arm, wrong(arm.log(noise=0.03)), Sampling(budget=20.0))
+    return identify_gains(arm, wrong(arm.log(noise=0.03)), Sampling(budget=20.0))
 
 
 def test_gains_are_those_of_the_model_that_effects_are_left_out_of(arm, monkeypatch):
@@ -117,7 +117,7 @@ def test_every_coefficient_carries_the_gains(known, found):
 
 def test_the_common_factor_is_no_matter_of_the_coefficients(arm, known, found):
     """Nothing tells it here; apart from it the data decide nearly all coefficients, with draws or without."""
-    unsampled = settle(arm, wrong(arm.log(noise=0.03)))
+    unsampled = identify_gains(arm, wrong(arm.log(noise=0.03)))
     for result in (found, unsampled):
         heavy = result.sd > 3.0 * known.sd
         assert np.median(result.sd_apart[heavy] / result.sd[heavy]) < 0.5
@@ -130,7 +130,7 @@ def test_the_common_factor_is_no_matter_of_the_coefficients(arm, known, found):
 
 def test_without_draws_the_common_factor_is_log_normal(arm):
     """Intervals of well-known coefficients are symmetric in the logarithm; none of a positive one reaches zero."""
-    result = settle(arm, wrong(arm.log(noise=0.03), sd=2.0))
+    result = identify_gains(arm, wrong(arm.log(noise=0.03), sd=2.0))
     gains, (low, high) = result.gains, result.interval_95
     assert gains.factor_sd > 0.5
     known = result.sd_apart < 0.05 * np.abs(result.beta)
@@ -175,7 +175,7 @@ def another_motion(seed):
 
 def test_one_trusted_gain_fixes_the_factor(arm):
     off = np.array([1.0, 0.8, 1.1])
-    gains = settle(arm, wrong(arm.log(noise=0.03), off, np.array([0.0, 0.2, 0.2]))).gains
+    gains = identify_gains(arm, wrong(arm.log(noise=0.03), off, np.array([0.0, 0.2, 0.2]))).gains
     assert gains.value[0] == 1.0
     assert gains.decided_by[0] == GIVEN
     assert gains.factor_decided_by == GIVEN
@@ -192,7 +192,7 @@ def test_a_payload_of_known_mass_fixes_the_factor(arm):
     loaded.theta[20:30] += body
     logs = [wrong(arm.log(noise=0.03)), wrong(loaded.log(noise=0.03)).carrying("tool")]
     prior = ParameterPrior(nominal={"m_tool": (2.0, 0.004)})
-    gains = settle(arm, bayesid.read_log(logs), prior=prior).gains
+    gains = identify_gains(arm, bayesid.read_log(logs), prior=prior).gains
     assert gains.factor_decided_by == BY_DATA
     assert gains.factor_sd < 0.05, "a fifth of what is stated of each"
     assert abs(gains.weights @ np.log(gains.value)) < 3.5 * gains.factor_sd
@@ -203,7 +203,7 @@ def test_gains_that_nobody_knows_are_found_from_readings_in_other_units(arm, kno
     """Readings in per mille of something: efforts come out in the size of a robot of its reach."""
     scale = np.array([0.02, 0.005, 0.03])
     log = replace(arm.log(noise=0.03).rescaled(scale), gains=Gains(np.ones(3), np.full(3, np.inf)))
-    result = settle(arm, log)
+    result = identify_gains(arm, log)
     assert arm.right_share(result) >= arm.right_share(known) - 0.002
     gains = result.gains
     assert gains.stated.text == "unknown,unknown,unknown"
@@ -263,6 +263,6 @@ def test_friction_in_proportion_to_the_load_is_named_where_a_log_cannot_tell_it_
     load = one_way.model.effort(one_way.motion, links)[:, 1]
     assert np.abs(load.mean()) > 2.0 * load.std(), "the case: a load of one sign"
     assert np.all(load > 0.0) or np.all(load < 0.0)
-    gains = settle(one_way, wrong(one_way.log(noise=0.01, signed=True))).gains
+    gains = identify_gains(one_way, wrong(one_way.log(noise=0.01, signed=True))).gains
     assert 2 in gains.like_friction
     assert 3 not in gains.like_friction

@@ -59,12 +59,12 @@ def test_masses_of_signs_and_assignments_match_enumeration(case):
     log, exact = make(), Enumerated(make(), *axes)
     unknown = log.known == 0
     order = np.argsort(-exact.mass)
-    settled = np.zeros(len(log.known), dtype=bool)
-    settled[np.flatnonzero(unknown)[0]] = True
-    chosen = [k for k in order if exact.signs[k][settled] == exact.signs[order[0]][settled]]
+    fixed = np.zeros(len(log.known), dtype=bool)
+    fixed[np.flatnonzero(unknown)[0]] = True
+    chosen = [k for k in order if exact.signs[k][fixed] == exact.signs[order[0]][fixed]]
     chosen = [order[0], *[k for k in chosen if np.sum(exact.signs[k] != exact.signs[order[0]]) == 1][:2]]
     listed = exact.signs[chosen]
-    decided = settled | np.any(listed != listed[0], axis=0)
+    decided = fixed | np.any(listed != listed[0], axis=0)
     assert 1 < decided.sum() < unknown.sum()  # the list leaves some segments open
     posterior = infer_from(log, listing(log, listed, decided | ~unknown))
     assert posterior.converged

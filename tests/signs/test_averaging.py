@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy
 from sign_problems import synthetic
-from simulated_arms import BUDGET, arm_with_friction, rms, settle
+from simulated_arms import BUDGET, arm_with_friction, rms, signs_of
 
 from bayesid.effects import STANDARD
 from bayesid.identification import pipeline
@@ -94,7 +94,7 @@ def test_a_right_model_keeps_its_signs():
 @pytest.fixture(scope="module")
 def asked(rough):
     """The signs under the poor model alone."""
-    return settle(rough.robot, rough.log(), POOR)
+    return signs_of(rough.robot, rough.log(), POOR)
 
 
 def with_residual(sign_solution, coloured):

@@ -213,7 +213,7 @@ def test_twelve_joints():
     problem = SignProblem(Cone.orthant(24), coefficients, m)
     found = solved(problem)
     assert found.certified
-    assert np.all(found.persistent), "the cone settles which way round every joint is"
+    assert np.all(found.persistent), "the cone decides the sign of every joint"
     np.testing.assert_allclose(
         problem.pull[1], 0.0, atol=1e-12, err_msg="the Tikhonov term adds no cost of its own to a joint"
     )

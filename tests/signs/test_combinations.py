@@ -76,8 +76,8 @@ def test_nothing_that_may_cost_up_to_the_limit_is_left_out(problems, options):
         assert options or set(np.flatnonzero(strong(problem.normal_equations))) == set(combined.decided)
 
 
-def settled_by_the_cone(joint, costs=None):
-    """The cone settles one segment, whose other sign costs so much; four others, half as strong, have no gradient."""
+def decided_by_the_cone(joint, costs=None):
+    """The cone decides one segment, whose other sign costs so much; four others, half as strong, have no gradient."""
     rng = np.random.default_rng(6)
     columns = rng.normal(size=(5, 8, 3))
     target, effort = np.cos(np.arange(8)), columns[0] @ np.array([1.0, 2.0, 0.5])
@@ -94,14 +94,14 @@ def test_a_coarse_level_excludes_what_all_completions_together_cost_more_than_th
 
     Pairs priced: 8 by 4 of the whole lists, 2 by 4 of the coarse ones, 16 for each that is left; then 16 twice.
     """
-    combined = settled_by_the_cone([0, 0, 0, 1, 1], 1.0 + 2.0 * np.log(4.0) + more)
+    combined = decided_by_the_cone([0, 0, 0, 1, 1], 1.0 + 2.0 * np.log(4.0) + more)
     combined.assert_sound()
     assert combined.view.combined == 32 + 8 + 16 * coarse + 2 * 16
 
 
 def test_what_a_coarse_level_excludes_counts_with_all_its_completions():
     """The 16 choices of the others' signs cost the same."""
-    combined = settled_by_the_cone([0] * 5)
+    combined = decided_by_the_cone([0] * 5)
     assert len(combined.decided) == 5
     assert [choice[0] for choice in combined.listed] == [1] * 16
     combined.assert_sound()

@@ -36,11 +36,11 @@ def test_whether_the_optimum_changes_is_seen(cases):
 
 def test_persistent_signs_are_equal_in_all_close_assignments(cases):
     """No lower bound of all assignments, but of all that come near here."""
-    unsettled = 0
+    undetermined = 0
     for result, problem, other in cases:
         found = noise_sensitivity(problem, result)
         near = other.assignments[other.costs <= other.least + result.optimality_gap - other.exact]
         one_sided = np.all(near == result.signs, axis=0)
         assert not np.any(found.persistent & ~one_sided)
-        unsettled += int(np.sum(one_sided & ~found.persistent))
-    assert unsettled < 0.2 * sum(len(result.signs) for result, _, _ in cases), "a segment is not doubted for nothing"
+        undetermined += int(np.sum(one_sided & ~found.persistent))
+    assert undetermined < 0.2 * sum(len(result.signs) for result, _, _ in cases), "a segment is not doubted for nothing"

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from simulated_arms import BUDGET, arm_with_friction, settle, settled_by_standard_terms
+from simulated_arms import BUDGET, arm_with_friction, signs_of, solution_of_standard_terms
 
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_effect
@@ -33,16 +33,16 @@ def rough():
 
 
 def earlier_about(case, theta, spread):
-    """Coefficients known to a share of their size, and parameters to settle signs under."""
+    """Coefficients known to a share of their size, and parameters that determine signs."""
     size = np.abs(base_coefficients(case.model).project(case.theta))
     return Earlier(CoefficientPrior(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
 
 
 def test_information_of_an_earlier_log_enters_the_fit(rough):
     """Coefficients are those of both models, their information that of both logs."""
-    alone = settled_by_standard_terms(1.5)
+    alone = solution_of_standard_terms(1.5)
     earlier = earlier_about(rough, rough.theta, 0.03)
-    sign_solution = settle(rough.robot, rough.log(), STANDARD, earlier=earlier)
+    sign_solution = signs_of(rough.robot, rough.log(), STANDARD, earlier=earlier)
     assert rough.right_share(sign_solution) >= 0.99
     assert sign_solution.log_data.coefficients.names == earlier.knowledge.coefficients(rough.model).names
     known = earlier.knowledge.information(sign_solution.model, sign_solution.log_data.coefficients)
@@ -57,13 +57,13 @@ def test_known_parameters_correct_wrong_signs_of_a_search(rough, spread, monkeyp
 
     By itself a poor fit falls back on the direction of motion, which is right here.
     """
-    assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) > 0.95
+    assert rough.right_share(signs_of(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) > 0.95
     monkeypatch.setattr("bayesid.signs.sign_solution.TUNING", replace(TUNING, friction_odds=1e-300))
-    assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) < 0.2
+    assert rough.right_share(signs_of(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) < 0.2
     earlier = earlier_about(rough, rough.theta, spread)
-    saved = settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET), earlier)
+    saved = signs_of(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET), earlier)
     assert rough.right_share(saved) >= 0.99
-    wrong = settle(rough.robot, rough.log(), STANDARD, earlier=earlier_about(rough, -rough.theta, spread))
+    wrong = signs_of(rough.robot, rough.log(), STANDARD, earlier=earlier_about(rough, -rough.theta, spread))
     assert rough.right_share(wrong) >= 0.99, "nor does wrong knowledge spoil what a search has found"
 
 

@@ -101,8 +101,8 @@ def test_distortions_are_linearised_anew_where_what_was_found_changes_the_effort
     """Not where nothing was found; all of them where the efforts that they distort are half as large by now."""
     signals = prepare(log_with(signed=True))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
-    settled = find_signs(BASE, signals, segments, Certified(budget=2.0))
-    log = SignedLog.of(settled.log_data, settled.fit, settled.probability)
+    solution = find_signs(BASE, signals, segments, Certified(budget=2.0))
+    log = SignedLog.of(solution.log_data, solution.fit, solution.probability)
     lags = log.made([Delay(lag=(0.01,)), Delay(lag=(0.03,))])
     products = Regression(log.data, lags, plain_errors(log.data))
     assert log.sharpened(products, []) == {}

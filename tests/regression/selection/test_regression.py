@@ -144,15 +144,15 @@ def test_the_residual_gets_its_own_likeliest_error_model():
     )
 
 
-def test_settled_errors_are_those_of_the_truth():
+def test_refitted_errors_are_those_of_the_truth():
     """Begun with a wrong error model; within the sampling error of 1500 samples."""
     data = made_data(1500, gaps=False)
-    settled = explain(data, (), SimpleNamespace(errors=(ErrorModel(3.0, 0.1, 0.5, RATE),) * 2))
-    for found, truth in zip(settled.errors, ERRORS, strict=True):
+    fit = explain(data, (), SimpleNamespace(errors=(ErrorModel(3.0, 0.1, 0.5, RATE),) * 2))
+    for found, truth in zip(fit.errors, ERRORS, strict=True):
         assert found.white == pytest.approx(truth.white, rel=0.15)
         assert found.coloured == pytest.approx(truth.coloured, rel=0.35)
-    again = explain(data, (), settled)
-    assert again.log_evidence == pytest.approx(settled.log_evidence, abs=0.3)
+    again = explain(data, (), fit)
+    assert again.log_evidence == pytest.approx(fit.log_evidence, abs=0.3)
 
 
 def family(effect, size, seed=9):
