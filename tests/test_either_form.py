@@ -35,7 +35,7 @@ def test_options_of_the_other_form_are_refused(folder):
         (lambda: bayesid.find_discrepancy(stored, log, terms=["rigid_body"]), "`terms`: cannot be given with a result"),
         (lambda: bayesid.find_discrepancy(ROBOT, log), "`log`: one log and a robot"),
         (lambda: bayesid.design_excitation(stored, ["rigid_body"]), "`terms`: cannot be given with a result"),
-        (lambda: bayesid.design_excitation(ROBOT, about=["Fc2"]), "`about`: is of a result"),
+        (lambda: bayesid.design_excitation(ROBOT, about=["Fc2"]), "`about`: needs a result"),
         (lambda: bayesid.save(log, folder), "`result`: Log is not a result"),
         (lambda: bayesid.load_robot(TABLE, tip="flange"), "robot scara: is a table of one chain"),
     ):
