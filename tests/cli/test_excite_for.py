@@ -1,4 +1,4 @@
-"""`bayesid excite --for`: the motion after a result, what is written, what is said, and what is refused."""
+"""`bayesid excite --for`: the motion after a result, its files, text and errors."""
 
 import csv
 import json
@@ -17,7 +17,7 @@ QUICK = ("--duration", "4", "--rate", "50", "--changes", "20")
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A result, and a folder of a discrepancy that could not tell two effects apart."""
+    """A result, and a folder of a discrepancy with two equivalent effects."""
     place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
     for name in ("result", "found"):
         bayesid.save(arm.result, place / name, report=False)
@@ -41,7 +41,7 @@ def here(made, tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_motion_is_written_with_what_it_will_tell_and_what_nobody_checked(here, capsys):
+def test_a_next_motion_is_written_with_predictions_and_checks(here, capsys):
     (here / "limits.toml").write_text("effort = [200, 150, 80]\n")
     limits = ("--limits", "limits.toml", "--capsules", "0.03", "--floor", "none")
     assert run("excite", "--for", "result", "--about", "Fc2", *QUICK, *limits, "--out", "next") == 0
@@ -63,8 +63,8 @@ def test_a_motion_is_written_with_what_it_will_tell_and_what_nobody_checked(here
     assert "<svg" in (here / "next" / "next_motion.svg").read_text()
 
 
-def test_what_a_discrepancy_could_not_tell_apart_is_told_by_default(here, capsys):
-    """In place of an earlier motion only if that is asked for, then without a word."""
+def test_equivalent_effects_of_a_discrepancy_are_distinguished_by_default(here, capsys):
+    """An earlier motion is replaced only with --force."""
     (here / "next").mkdir()
     (here / "next" / "next_motion.json").touch()
     assert_refused(capsys, ("excite", "--for", "found", *QUICK, "--out", "next"), ["next", "--force"])
@@ -76,8 +76,8 @@ def test_what_a_discrepancy_could_not_tell_apart_is_told_by_default(here, capsys
     assert capsys.readouterr().out == ""
 
 
-def test_programs_for_a_corrected_result_count_as_the_controller_does(made, tmp_path):
-    """Joint 2 turns the other way with a zero of its own, and joints 1 and 3 are exchanged."""
+def test_programs_of_a_corrected_result_use_the_controllers_positions(made, tmp_path):
+    """Joint 2 is flipped and shifted, and joints 1 and 3 are exchanged."""
     written = {}
     for name, correct in (("plain", None), ("turned", "q1=q3,q3=q1,q2=-q2+0.5")):
         stored = bayesid.load(made / "result")

@@ -1,4 +1,4 @@
-"""Results that leave much open, made by hand: no log is identified, and all is known of them."""
+"""Constructed results with many undetermined coefficients, without an identification."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -32,7 +32,7 @@ NONE = MappingProxyType({})
 
 
 def earlier_motion(n=3, seed=6):
-    """4 s at 50 Hz: what the result's log was of."""
+    """Motion of the result's log: 4 s at 50 Hz."""
     return smooth_motion(n, 4.0, 50.0, seed=seed)
 
 
@@ -54,7 +54,7 @@ def open_result(n=3, terms=TERMS, seed=2, share=0.02, effects=NONE):
 
 
 def open_known(rate=100.0, model_error_covariance=0.0, **options):
-    """The same as `GaussianPosterior`, with a covariance for what the model may lack."""
+    """Its `GaussianPosterior`, with a covariance of the model error."""
     result = open_result(**options)
     if model_error_covariance:
         root = np.random.default_rng(8).normal(size=result.precision.shape) / len(result.precision)

@@ -1,4 +1,4 @@
-"""The next motion for a discrepancy: by default it tells apart what the log could not."""
+"""The next motion after a discrepancy: by default it distinguishes the equivalent effects."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def with_equivalents(found, *names):
     return replace(found, added=(replace(added, equivalent=names),))
 
 
-def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
+def test_without_equivalents_the_goal_is_all_undetermined_coefficients(found):
     assert [(one.effect, one.joints, one.equivalent) for one in found.added] == [("stribeck_friction", (3,), ())]
     design = design_next(found, settings=replace(RUN, changes=5))
     assert design.competing == ()
@@ -43,8 +43,8 @@ def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
     np.testing.assert_allclose(design.motion.q[0], found.identification.signals.motion.q[0], atol=1e-12)
 
 
-def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
-    """An effect that acts on the whole robot is not that of a joint: by its score, or by what the catalogue says."""
+def test_equivalent_effects_compete_in_their_joints(found):
+    """An effect of the whole robot has no joints: by its score, or by the catalogue."""
     design = design_next(with_equivalents(found, "thermal_drift", "payload"), settings=replace(RUN, changes=5))
     (competing,) = design.competing
     assert [rival.key for rival in competing.competing] == [

@@ -1,4 +1,4 @@
-"""Expected Bayes factors: the formula of the manual as it stands, with dense inverses."""
+"""Expected Bayes factors against the formula of the manual with dense inverses."""
 
 from itertools import pairwise
 
@@ -7,7 +7,7 @@ import numpy as np
 from bayesid.excitation.bayes_factors import Belief, expected_factors
 
 R, EXTRA = 5, (2, 1, 3, 2)
-"""Coefficients, and own columns of four cases."""
+"""Coefficients, and further columns of four cases."""
 
 
 def positive(rng, n, rows=40):
@@ -17,7 +17,7 @@ def positive(rng, n, rows=40):
 
 
 def cases(rng):
-    """With the same block of the coefficients, and couplings of their own."""
+    """Beliefs with a common block of the coefficients."""
     total = R + sum(EXTRA)
     every = positive(rng, total) + np.diag(rng.uniform(0.1, 5.0, total))
     ends = R + np.cumsum([0, *EXTRA])
@@ -30,7 +30,7 @@ def cases(rng):
 
 
 def plain(case, true, information):
-    """As the manual has it."""
+    """The formula of the manual."""
     own = information[np.ix_(case.columns, case.columns)]
     across = information[np.ix_(case.columns, true.columns)]
     after = case.precision + own
@@ -55,7 +55,7 @@ def test_the_formula_with_dense_matrices():
     assert np.ptp(direct) > 1.0  # a sign or an order that is wrong would show
 
 
-def test_nothing_is_expected_of_no_recording():
-    """But what the means and spreads before it differ by is no evidence."""
+def test_without_information_the_expected_factors_are_zero():
+    """Different prior means and deviations are not evidence."""
     a, b, *_ = cases(np.random.default_rng(1))
     np.testing.assert_allclose(expected_factors([(a, [b])], np.zeros((13, 13))), 0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Hypotheses that a log cannot tell apart: the expected Bayes factor against draws with dense covariances."""
+"""Equivalent hypotheses: the expected Bayes factor against draws with dense covariances."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ DRAWS = 4000
 
 @pytest.fixture(scope="module")
 def known():
-    """With so much noise that a dozen of samples tell a few nats."""
+    """With so much noise that a dozen samples give a few nats."""
     return quiet(open_known(share=0.3), 0.02)
 
 
@@ -46,7 +46,7 @@ def keys(*names):
 
 
 def numbers(competing, motion, form):
-    """Rows (M, R) and noise (M,) of the samples that count, for the coefficients and one form."""
+    """Rows (M, R) and noise (M,) of the moving samples, for the coefficients and one form."""
     columns = competing.columns(motion)
     weights = competing.posterior.weights(motion)
     r = len(competing.posterior)
@@ -56,7 +56,7 @@ def numbers(competing, motion, form):
 
 
 def prior(competing, form):
-    """Mean and covariance of coefficients and amplitudes before everything."""
+    """Prior mean and covariance of coefficients and amplitudes."""
     mean = np.concatenate([competing.posterior.mean, form.mean])
     covariance = np.zeros((len(mean), len(mean)))
     r = len(competing.posterior)
@@ -87,7 +87,7 @@ def information(competing, motion):
 
 
 def assert_is_mean(value, factors):
-    """Of the form that imitates best; within four standard errors."""
+    """Against the best form; within four standard errors."""
     means = factors.mean(axis=0)
     best = int(np.argmin(means))
     error = factors[:, best].std() / np.sqrt(DRAWS)
@@ -143,7 +143,7 @@ def found_result():
 
 
 def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
-    """The other one is what the earlier log shows of it where the first is true."""
+    """The other effect is fitted to the earlier log as if the first were true."""
     result, earlier = found_result(), earlier_motion()[::5]
     known = quiet(gaussian_posterior(result, 100.0), 0.5)
     competing = make_competing(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
@@ -195,8 +195,8 @@ def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, m
     assert competing.memory == (key == "delay")
 
 
-def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
-    """A gain that is wrong in all efforts of a joint is no load; the drift of a joint under another name is itself."""
+def test_pairs_that_no_motion_distinguishes_are_named(known, reference):
+    """A gain error of a joint differs from a load; a drift under another name does not differ from itself."""
     competing = make_competing(known, keys("gain_error:3", "thermal_drift:1"), None, reference)
     gain, drift = competing.competing
     assert indistinguishable(competing, reference) == []
@@ -219,8 +219,8 @@ def test_names_of_hypotheses(known, reference):
         assert in_options(str(caught.value)).startswith("--between")
 
 
-def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_made():
-    """Which is taken out of what was known of it, but for a hundredth of the variance."""
+def test_a_changed_term_has_its_mean_and_covariance_before_the_step():
+    """Its prior variance is reduced by the step's, to no less than a hundredth."""
     known, earlier = gaussian_posterior(open_result(share=0.3), 100.0), earlier_motion()[::5]
     (key, other), place = keys("coulomb_friction:3", "thermal_drift:3"), known.coefficients.names.index("Fc3")
     plain, changed = (

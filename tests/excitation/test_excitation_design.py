@@ -55,7 +55,7 @@ def design(model):
 
 @pytest.fixture(scope="module")
 def problem(model):
-    """Columns, efforts, speeds and noise of a motion; every joint's noise is another."""
+    """Columns, efforts, speeds and noise of a motion; the noise differs between joints."""
     motion, coefficients = smooth_motion(3, 4.0, 60.0, seed=1), base_coefficients(model)
     columns = model.columns(motion)[:, :, coefficients.selected]
     beta = coefficients.project(random_parameters(model, rng=np.random.default_rng(3)))
@@ -70,7 +70,7 @@ def least_cost(columns, target, sigma):
     return float(rest @ rest)
 
 
-def test_a_turned_segment_costs_what_least_squares_says(problem):
+def test_resolvability_of_segments_agrees_with_least_squares(problem):
     columns, beta, motion, sigma = problem
     effort = columns @ beta
     flips = flip_segments(columns, effort, motion.dq, sigma, weight=1.0)
@@ -90,7 +90,7 @@ def test_a_turned_segment_costs_what_least_squares_says(problem):
     assert np.all(covered == 1)
 
 
-def test_turned_joints_cost_what_least_squares_says(problem):
+def test_resolvability_of_joints_agrees_with_least_squares(problem):
     columns, beta, _, sigma = problem
     groups = groups_of([0, 1, 2])
     assert groups == ((0,), (1,), (2,), (0, 1), (0, 2), (1, 2))
@@ -105,7 +105,7 @@ def test_turned_joints_cost_what_least_squares_says(problem):
     np.testing.assert_allclose(flips.share[:3], np.minimum(share, 1.0 - share))
 
 
-def test_segments_of_a_log_agree_with_those_of_the_expectation(problem, model):
+def test_segments_of_a_log_agree_with_expected_segments(problem, model):
     columns, beta, motion, sigma = problem
     effort = columns @ beta
     want = flip_segments(columns, effort, motion.dq, sigma, weight=0.3)
@@ -121,8 +121,8 @@ def test_segments_of_a_log_agree_with_those_of_the_expectation(problem, model):
     np.testing.assert_allclose(have.share, np.delete(want.share, 2))
 
 
-def test_the_chance_of_a_mistake_is_what_noise_makes_of_it():
-    """4000 draws of noise; the formula is of first order, another factor in its argument would be off by 0.1."""
+def test_probability_of_a_wrong_sign_agrees_with_draws_of_noise():
+    """4000 draws of noise; the formula is of first order, a wrong factor in its argument would change it by 0.1."""
     rng = np.random.default_rng(8)
     columns, beta = rng.normal(size=(120, 1, 2)), np.array([0.4, -0.15])
     tau = columns[:, 0] @ beta
@@ -139,7 +139,7 @@ def test_the_chance_of_a_mistake_is_what_noise_makes_of_it():
     assert wrong == pytest.approx(float(wrong_sign_probability(np.array([found]))[0]), abs=0.025)
 
 
-def test_at_the_noise_tolerance_a_tenth_is_wrong():
+def test_a_tenth_of_the_energy_is_wrong_at_the_noise_tolerance():
     joints = JointFlips(((0,), (1,)), np.array([0.3, 0.3]), np.array([900.0, 2500.0]))
     segments = SegmentFlips(*np.zeros((3, 3), dtype=int), np.array([0.5, 0.3, 0.2]), np.array([1e4, 400.0, 25.0]))
     found = noise_tolerance(joints, segments, noise=0.07)
@@ -150,7 +150,7 @@ def test_at_the_noise_tolerance_a_tenth_is_wrong():
     assert noise_tolerance(*louder, noise=0.14) == pytest.approx(found, rel=1e-5)
 
 
-def test_what_is_left_is_the_posterior_of_a_linear_regression(problem, model):
+def test_uncertainty_is_that_of_a_bayesian_linear_regression(problem, model):
     columns, _, _, _ = problem
     expectation = plausible_robots(model, 2)
     grams = joint_grams(columns)
@@ -214,7 +214,7 @@ def test_a_folder_holds_the_motion_and_the_spline_that_makes_it(design, tmp_path
     assert written["reached"]["condition_number"] < written["start"]["condition_number"]
 
 
-def test_a_joint_that_slides_needs_limits():
+def test_a_prismatic_joint_needs_limits():
     rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
     robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
     with pytest.raises(InputError, match="prismatic joint 2"):
@@ -227,7 +227,7 @@ def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):
     return simulate(model, random_parameters(model, rng=rng), motion, rng=rng, noise=0.02, signed=signed)
 
 
-def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
+def test_a_good_log_is_good_and_a_joint_that_hardly_moves_is_bad(model):
     series = random_trajectory(3, 20.0, rng=2, periods=4, limits=LIMITS)
     good = assess_excitation(model.robot, log_of(model, series), TERMS)
     assert good.state == "good"
@@ -250,7 +250,7 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     assert [remark[:7] for remark in resting.remarks if " at standstill" in remark] == ["joint 1", "joint 2", "joint 3"]
 
 
-def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
+def test_a_joint_that_can_be_flipped_as_a_whole_is_bad():
     model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
     trajectory = random_trajectory(1, 20.0, rng=3, periods=3)
     judgement = assess_excitation(model.robot, log_of(model, trajectory), TERMS)

@@ -1,4 +1,4 @@
-"""Which motions a robot can run: steps touch their limits, efforts hold between samples, and nothing is touched."""
+"""Feasible motions: limits of steps, efforts between samples, and collisions."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ FREE = 1e3
 
 
 class FakeClearance:
-    """A wall that a joint must not pass; remembers what it was asked."""
+    """A wall that a joint must not pass; it records the checked paths."""
 
     source = "a wall"
 
@@ -43,13 +43,13 @@ def basis():
 
 
 def within(known, clearance=None, **limits):
-    """Feasibility under limits that are wide where none is named."""
+    """Feasibility under limits, wide by default."""
     wide = {"lower": -FREE, "upper": FREE, "velocity": FREE, "acceleration": FREE}
     return Feasibility.of(known, MotionLimits(**{**wide, **limits}), clearance)
 
 
 def wave(basis, seed=0, size=0.3):
-    """(K, n) steps of all three joints that leave the ends alone."""
+    """(K, n) steps of all three joints, without the ends."""
     rng, step = np.random.default_rng(seed), np.zeros((len(basis), 3))
     step[ENDS:-ENDS] = size * rng.normal(size=(len(basis) - 2 * ENDS, 3))
     return step
@@ -68,8 +68,8 @@ def moved(trajectory, step, share=1.0):
         ({"jerk": (200.0, 35.0, FREE)}, 3),
     ],
 )
-def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits, order):
-    """The share is that at which the first Bernstein coefficient, linear in it, meets a limit: found by bisection."""
+def test_a_shortened_step_reaches_one_limit_and_violates_none(known, basis, limits, order):
+    """The share at which the first Bernstein coefficient reaches a limit, by bisection."""
     feasibility, start = within(known, **limits), moved(at_rest(basis, POSE), wave(basis, 1, 0.01))
     step = wave(basis, 2, 4.0)
     share = feasibility.feasible_share(start, step)
@@ -90,7 +90,7 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
     assert not feasibility.within_limits(moved(start, step, 1.0001 * share))
 
 
-def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
+def test_the_effort_band_includes_the_model_error(basis):
     known = open_known(model_error_covariance=0.7)
     motion = moved(at_rest(basis, POSE), wave(basis)).motion(np.linspace(0.5, 2.5, 23))
     mean, sd = within(known).effort_band(motion)
@@ -101,8 +101,8 @@ def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
     np.testing.assert_allclose(sd, want, rtol=1e-6)
 
 
-def test_limits_of_efforts_count_the_band(known, basis):
-    """Between the mean's largest and the band's: refused in the joint where the limit is, allowed above the band."""
+def test_effort_limits_apply_to_the_band(known, basis):
+    """A limit between the largest mean and the band's is violated in its joint; one above the band is not."""
     trajectory = moved(at_rest(basis, POSE), wave(basis))
     feasibility = within(known)
     mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 3.1, 3101)))
@@ -117,8 +117,8 @@ def test_limits_of_efforts_count_the_band(known, basis):
     assert within(known, effort=tuple(1.02 * banded)).is_feasible(trajectory)
 
 
-def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
-    """A parabola whose top lies half way between two samples: none of them shows it, a quarter of its bend does."""
+def test_an_effort_beyond_its_limit_between_samples_is_refused():
+    """A parabola with its vertex half way between two samples: only the second difference shows it."""
     t = np.arange(7.0)
     mean = np.stack([5.0 - 0.8 * (t - 2.5) ** 2, 0.0 * t + 1.0, -5.0 + 0.8 * (t - 2.5) ** 2], axis=1)
     sd = np.tile([0.0, 0.25, 0.0], (7, 1))
@@ -127,8 +127,8 @@ def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
     assert found == pytest.approx([5.0, 1.0 + TUNING.effort_sds * 0.25, 5.0])
 
 
-def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
-    """Of random motions at their limits: ten times as fine, no effort with its band is larger; samples miss some."""
+def test_largest_efforts_bound_those_between_samples(known):
+    """At ten times the sampling rate no effort of random motions exceeds the bound; coarse samples miss some."""
     basis, missed = SplineBasis(5.0), 0
     feasibility = Feasibility.of(known, check_limits(LIMITS, known.model.robot), None)
     still = at_rest(basis, POSE)

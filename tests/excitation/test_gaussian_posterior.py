@@ -1,4 +1,4 @@
-"""What a result knows, and what a recording leaves of its uncertainty: against regressions on rows, done in full."""
+"""Uncertainty of a result before and after a recording, against full regressions on rows."""
 
 from dataclasses import replace
 
@@ -20,8 +20,8 @@ def motion():
     return smooth_motion(3, 3.0, 1.0 / PERIOD, seed=11)
 
 
-def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion):
-    """Rows of the noise are those of independent samples: as many for a sample as its share of a correlation time."""
+def test_covariance_after_a_recording_is_that_of_a_regression(motion):
+    """The noise counts independent samples: per sample the sampling period over the correlation time."""
     result = open_result()
     known = gaussian_posterior(result, 1.0 / PERIOD)
     found = known.covariance(known.information(motion))
@@ -39,8 +39,8 @@ def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion)
     assert (after / before).min() < 0.05  # the motion tells something
 
 
-def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
-    """Readings are made efforts by one set of gains: a gain that is larger than that makes all efforts smaller."""
+def test_columns_are_derivatives_of_the_readings(motion):
+    """Readings are converted by fixed gains: a true gain that is larger makes all readings smaller."""
     known = gaussian_posterior(gains_result(), 50.0)
     assert known.names[-2:] == ("log_gain1", "log_gain3")
     assert known.units[-2:] == ("", "")
@@ -61,7 +61,7 @@ def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
         np.testing.assert_allclose(columns[:, :, k], slope, atol=1e-6 * max(1.0, np.abs(slope).max()))
 
 
-def test_draws_of_gains_and_coefficients_are_known_together():
+def test_gains_and_coefficients_have_a_joint_covariance():
     result = gains_result(factor=0.4)
     known, draws = gaussian_posterior(result, 50.0), result.draws
     drawn = np.hstack([known.coefficients.project(draws.theta), draws.log_gain[:, [0, 2]]])
@@ -72,7 +72,7 @@ def test_draws_of_gains_and_coefficients_are_known_together():
     np.testing.assert_allclose(known.mean[-2:], draws.log_gain.mean(axis=0)[[0, 2]])
 
 
-def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
+def test_draws_wider_than_the_information_give_the_model_error():
     result, rng = open_result(), np.random.default_rng(2)
     base = gaussian_posterior(result, 50.0).coefficients
     wide = np.linalg.cholesky(4.0 * np.linalg.inv(result.precision))
@@ -90,7 +90,7 @@ def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
     )
 
 
-def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior():
+def test_without_a_posterior_the_prior_is_the_spread_of_plausible_robots():
     result = open_result()
     precision = result.precision.copy()
     blind = gaussian_posterior(result, 50.0).coefficients.names.index("Fv2")

@@ -1,4 +1,4 @@
-"""What is to be settled, by its name; and how much is told of it."""
+"""Goals by name, and the information about them."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def known():
 
 
 def with_gains(known, *joints):
-    """The same where the logarithms of some gains (0-based joints) are unknown to 0.1, 0.2 ..."""
+    """The same, with sd 0.1, 0.2 .. of the logarithms of some gains (0-based joints)."""
     r, g = len(known), len(joints)
     precision = np.zeros((r + g, r + g))
     precision[:r, :r] = known.precision
@@ -37,7 +37,7 @@ def with_gains(known, *joints):
     )
 
 
-def test_without_a_name_all_that_is_open_is_asked_for(known):
+def test_the_default_goal_is_all_undetermined_coefficients(known):
     sd = np.sqrt(np.diag(np.linalg.inv(known.precision) + known.model_error_covariance))
     want = [name for name, one, mean in zip(known.names, sd, known.mean, strict=True) if one > 0.1 * abs(mean)]
     assert 0 < len(want) < len(known)
@@ -61,7 +61,7 @@ def test_a_coefficient_by_its_name(known):
     assert goal_of(known, ["rigid_body"]).names == known.names[:17]
 
 
-def test_a_parameter_that_shows_in_sums_or_not_at_all_says_so(known):
+def test_a_parameter_that_is_not_identifiable_alone_gives_a_remark(known):
     goal = goal_of(known, ["mc2x"])
     assert goal.names == ("mc2x",)
     assert "mc2x + a3 m3" in goal.remarks[0]
@@ -79,7 +79,7 @@ def test_a_parameter_that_shows_in_sums_or_not_at_all_says_so(known):
         goal_of(known, ["J1xx"])
 
 
-def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
+def test_the_goal_of_gains_is_their_ratios(known):
     unsure = with_gains(known, 0, 2)
     goal = goal_of(unsure, ["gains"])
     assert goal.names == ("gain3/gain1",)
@@ -93,14 +93,14 @@ def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
         goal_of(known, ["gains"])
 
 
-def test_a_payload_that_no_log_has_shown_is_the_last_link_s(known):
+def test_an_unknown_payload_is_that_of_the_last_link(known):
     goal = goal_of(known, ["payload"])
     assert any("once with it" in sentence for sentence in goal.remarks)
     assert {"J3xx", "mc3x"} < set(goal.names)
     assert not {"Fc3", "Fv3"} & set(goal.names)
 
 
-def test_payloads_that_logs_carried_are_theirs_alone():
+def test_a_payload_of_the_result_has_its_own_coefficients():
     terms = ("rigid_body", CarriedPayload(label=("tool",)), "viscous_friction", CarriedPayload(label=("box",)))
     known = open_known(n=2, terms=terms)
     goal = goal_of(known, ["payload"], "tool")
@@ -112,14 +112,14 @@ def test_payloads_that_logs_carried_are_theirs_alone():
     assert [name.split(".")[0] for name in goal.names] == [name.split(".")[0] for name in names], goal.names
 
 
-def test_a_payload_that_the_motion_does_not_carry_is_told_by_none_of_it():
+def test_the_goal_payload_needs_a_payload_on_the_flange():
     known = open_known(n=2, terms=("rigid_body", CarriedPayload(label=("tool",))))
     with pytest.raises(InputError, match="as tool"):
         goal_of(known, ["payload"])
 
 
 def test_signs_are_the_efforts_of_random_motions(known):
-    """Summed over the goal's forms, the error of efforts is its mean square over the noise, in a second's samples."""
+    """The sum over the goal's forms is the mean squared effort error over the noise variance, times samples per second."""
     goal = goal_of(known, ["signs"])
     motion = reference_motion(known.model.robot)
     columns, weights = known.columns(motion), known.weights(motion)
@@ -128,7 +128,7 @@ def test_signs_are_the_efforts_of_random_motions(known):
     assert np.trace(goal.scaled_covariance(known.covariance_now)) == pytest.approx(want, rel=1e-6)
 
 
-def test_a_name_of_nothing_is_refused_with_those_near_it(known):
+def test_an_unknown_name_is_refused_with_similar_names(known):
     for name, other in {"Fc9": "Fc1", "viscous_frictoin": "viscous_friction", "mc3": "mc3x"}.items():
         with pytest.raises(InputError) as caught:
             goal_of(known, ["Fc1", name])
@@ -139,8 +139,8 @@ def test_a_name_of_nothing_is_refused_with_those_near_it(known):
         assert "\n" not in said
 
 
-def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_are_wanted(known):
-    """Mutual information of the sums, with an error of what is wanted, and the recording: by determinants of all."""
+def test_information_gain_is_a_mutual_information(known):
+    """Mutual information of the combinations, with an error of the required sd, and the recording, by determinants."""
     rng = np.random.default_rng(4)
     motion = smooth_motion(3, 0.3, 20.0, seed=9)
     r, rows = len(known), known.columns(motion) * np.sqrt(known.weights(motion))[:, :, None]

@@ -19,7 +19,7 @@ SENSOR = np.array([0.8, 0.3, 0.1])
 EFFORT = (60.0, 8.5, 1.6)
 QUICK = 100  # changes that are tried
 EFFECTS = ("dead_zone", "hysteresis", "thermal_drift", "payload", "link_length", "gain_error", "base_tilt")
-"""That differ in how they act."""
+"""Effects of different kinds."""
 RUN = MotionSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 90.0, 120.0), effort=EFFORT))
 
 
@@ -66,8 +66,8 @@ def design(result):
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
-    """That keeps its limits, and tells more than standing still."""
+def test_a_motion_is_found_for_every_effect(effect):
+    """Within its limits, and better than standing still."""
     strong = replace(RUN, limits=replace(LIMITS, effort=(200.0, 40.0, 9.0)))
     level = 0.03 if effect == "dead_zone" else 0.01  # it grows in steps, from sample to sample
     design = design_next(open_result(effects={effect: level}), settings=replace(strong, changes=12))
@@ -76,7 +76,7 @@ def test_whatever_effects_a_model_has_a_motion_is_found_for_it(effect):
     assert design.predicted.gain > 0.1
 
 
-def test_the_motion_keeps_all_limits_at_every_millisecond_with_the_true_parameters(truth, design):
+def test_limits_hold_at_every_millisecond_with_the_true_parameters(truth, design):
     t = np.linspace(0.0, 5.0, 5001)
     motion, limits = design.trajectory.motion(t), design.settings.limits
     assert np.all((motion.q >= np.array(limits.lower) - 1e-9) & (motion.q <= np.array(limits.upper) + 1e-9))
@@ -100,12 +100,12 @@ def test_the_motion_starts_and_ends_at_rest_where_the_log_began(result, design):
     assert design.predicted.gain > design.of_random.gain > 0.0
 
 
-def test_it_says_what_it_leaves_open(design):
+def test_the_next_motion_states_what_stays_undetermined(design):
     assert f"{design.predicted.open} after its recording" in repr(design)
     assert any("jerks" in sentence for sentence in design.checked)
 
 
-def test_a_start_of_one_s_own_and_none_that_is_known(result):
+def test_a_stated_start_and_a_default_start(result):
     run = replace(RUN, duration=3.0, start=(0.1, 0.4, -0.5))
     own = design_next(result, settings=replace(run, changes=10))
     np.testing.assert_allclose(own.motion.q[[0, -1]], [run.start, run.start], atol=1e-12)
@@ -114,7 +114,7 @@ def test_a_start_of_one_s_own_and_none_that_is_known(result):
     np.testing.assert_allclose(loaded.motion.q[0], middle, atol=1e-12)
 
 
-def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
+def test_a_collision_model_keeps_the_robot_off_the_table(result, design):
     height = 0.5 * (design.motion.q[0, 1] + design.motion.q[:, 1].max())
     assert height > design.motion.q[0, 1] + 0.1
     run = replace(RUN, clearance=Table(height))
@@ -123,8 +123,8 @@ def test_a_robot_that_must_not_touch_the_table_does_not(result, design):
     assert not any("collisions" in sentence for sentence in kept.unchecked)
 
 
-def test_what_was_predicted_is_what_an_identification_of_both_logs_finds(truth, log, result, design):
-    """Standard deviations hang on the noise, known from 200 samples a joint to some 5 %, and its time from few more."""
+def test_predicted_deviations_agree_with_an_identification_of_both_logs(truth, log, result, design):
+    """Standard deviations depend on the noise, which 200 samples per joint determine to 5 %, and on its correlation time."""
     both = join_logs([log, log_of(truth, design.motion, 8)])
     found = identify(truth.model.robot, both, TERMS, complete="off", posterior=False)
     assert found.coefficients.names == design.predicted.names
@@ -138,7 +138,7 @@ def test_what_was_predicted_is_what_an_identification_of_both_logs_finds(truth, 
     np.testing.assert_array_equal(design.predicted.sd_lacking, design.predicted.sd)  # nothing is said to be lacking
 
 
-def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, design):
+def test_a_motion_for_one_coefficient_determines_it_better(result, design):
     """For the two criteria: the friction of joint 2 alone."""
     place = design.predicted.names.index("Fc2")
     for criterion in ("D", "A"):
@@ -147,7 +147,7 @@ def test_what_is_asked_for_is_told_better_than_by_a_motion_for_all(result, desig
         assert about.predicted.sd[place] < design.predicted.sd[place]
 
 
-def test_hypotheses_are_told_better_than_by_a_random_motion(result):
+def test_a_designed_motion_distinguishes_better_than_a_random_one(result):
     pair = ("stribeck_friction:3", "thermal_drift:3")
     telling = design_next(result.identified, between=pair, settings=replace(RUN, duration=3.0, changes=QUICK))
     assert set(telling.predicted.log10_bayes_factors) == {pair, pair[::-1]}
@@ -163,7 +163,7 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     assert told > 1.5 * by_random
 
 
-def test_a_payload_is_learned_of_where_the_flange_carries_it():
+def test_a_payload_is_determined_only_if_the_motion_carries_it():
     carrying = open_result(terms=(*TERMS, CarriedPayload(label=("tool",))))
     run = replace(RUN, effort_limits=(150.0, 80.0, 30.0))
     empty = design_next(carrying, ["Fc2"], settings=replace(run, changes=QUICK))
@@ -181,7 +181,7 @@ def test_a_payload_is_learned_of_where_the_flange_carries_it():
     assert any(sentence.startswith("distances of tool:") for sentence in near.unchecked)
 
 
-def test_what_was_not_checked_and_what_no_motion_tells_is_said(result):
+def test_what_was_not_checked_is_listed(result):
     for limits, clearance, words in (
         ({}, None, ("efforts: no limits are known", "jerks", "collisions")),
         ({"effort": (60.0, np.inf, 1.6), "jerk": 150.0}, None, ("efforts of joints 2:", "collisions")),
@@ -201,8 +201,8 @@ def test_slower_motions_take_longer_and_less_effort(design):
     np.testing.assert_allclose(np.gradient(slow.dq, slow.t, axis=0)[1:-1], slow.ddq[1:-1], atol=1e-2)
 
 
-def test_speeds_at_which_efforts_keep_their_limits(truth, design):
-    """At a tenth of the speed a joint creeps, and its friction is that of the model; limits are asked for again."""
+def test_allowed_speeds_are_those_within_effort_limits(truth, design):
+    """Efforts are checked at each speed, as friction depends on it."""
     for share in (0.1, 0.3, 1.0):
         duration = 5.0 / share
         motion = slowed(design.trajectory, share, 2000.0 / duration)
@@ -224,7 +224,7 @@ def assert_refused(call, where, *words):
     assert all(word in said for word in words)
 
 
-def test_requests_that_cannot_be_met_are_refused(result):
+def test_invalid_settings_are_refused(result):
     for run, options, where, words in (
         ({"start": (0.1, 0.2)}, {}, "--start", ("2 numbers", "3 joints")),
         ({"start": (0.1, 0.2, float("nan"))}, {}, "--start", ()),
@@ -247,7 +247,7 @@ def test_requests_that_cannot_be_met_are_refused(result):
         design_next("result")
 
 
-def test_what_the_posterior_s_draws_say_that_the_model_lacks_no_recording_tells(result):
+def test_model_error_of_the_draws_stays_after_a_recording(result):
     theta = result.theta + 1e-3 * np.random.default_rng(4).standard_normal((2, 300, len(result.theta)))
     wide = theta[0] + 0.1 * (theta[1] - result.theta) / 1e-3
     draws, uncertain = (SimpleNamespace(theta=one) for one in (theta[0], wide))

@@ -1,4 +1,4 @@
-"""How many signs a recording will leave certain: against segments that are turned one by one, by least squares."""
+"""Share of certain signs after a recording, against segments that are flipped one by one, by least squares."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -15,7 +15,7 @@ PERIOD = 0.05
 
 
 def turned_cost(known, motion, rows_of, joint, chosen):
-    """What the best coefficients leave of efforts turned in some samples of a joint, all known before as rows too."""
+    """Residual of the best fit with signs flipped in some samples of a joint, with the prior as rows."""
     prior = np.linalg.cholesky(known.precision).T
     rows, effort = rows_of
     target = effort.copy()
@@ -27,7 +27,7 @@ def turned_cost(known, motion, rows_of, joint, chosen):
 
 
 def brute_force(known, motion):
-    """Share of |effort| in motion, the mean over joints, in segments that are mistaken in one of a hundred cases."""
+    """Share of |effort| in motion, mean over joints, in segments whose sign is wrong with at most 1 %."""
     columns, weights = known.columns(motion), known.weights(motion)
     rows = columns * np.sqrt(weights)[:, :, None]
     effort = rows @ known.mean
@@ -44,7 +44,7 @@ def brute_force(known, motion):
 
 
 @pytest.mark.parametrize("quiet", [0.003, 0.3])
-def test_the_share_is_that_of_segments_that_cost_enough_when_turned(quiet):
+def test_certain_share_agrees_with_flipped_segments(quiet):
     known = open_known(share=0.002)
     known = replace(known, density=quiet * known.density)
     motion = smooth_motion(3, 4.0, 1.0 / PERIOD, seed=12)

@@ -27,7 +27,7 @@ class Wall:
 
 
 class Watched(Feasibility):
-    """Tells of every change that a robot can run, with its window: it is asked only of those that are better."""
+    """Records every feasible change with its window; only better ones are checked."""
 
     def is_feasible(self, trajectory, start=0.0, end=None):
         found = super().is_feasible(trajectory, start, end)
@@ -37,7 +37,7 @@ class Watched(Feasibility):
 
 
 def search_of(known, whole=None, limits=LIMITS, clearance=None):
-    """A search, and the list of all information that it asks the worth of."""
+    """A search, and the list of all information at which its objective was evaluated."""
     goal, asked = goal_of(known), []
 
     def worth(information):
@@ -58,20 +58,20 @@ def known():
 
 @pytest.fixture(scope="module")
 def searched(known):
-    """Under limits of efforts that some motions within the others break."""
+    """With effort limits that some motions within the other limits violate."""
     search, _ = search_of(known, limits=replace(LIMITS, effort=largest_of(known)), clearance=Wall())
     _, trajectory = search.run(400, 4)
     return search, search.feasibility.kept, trajectory
 
 
 def largest_of(known):
-    """Half as much again as standing still takes, with its band."""
+    """1.5 times the efforts at standstill, with their band."""
     still = at_rest(SplineBasis(DURATION), POSE).motion(np.arange(3.0))
     mean, sd = Feasibility.of(known, check_limits(LIMITS, known.model.robot), None).effort_band(still)
     return tuple((1.5 * (np.abs(mean) + 4.0 * sd) + 0.5)[0].tolist())
 
 
-def test_every_motion_on_the_way_is_possible(searched):
+def test_every_accepted_motion_is_feasible(searched):
     """By a grid of 1 ms: positions, velocities, accelerations, efforts with their band, and the wall."""
     search, kept, _ = searched
     limits = search.feasibility
@@ -87,7 +87,7 @@ def test_every_motion_on_the_way_is_possible(searched):
         np.testing.assert_allclose(motion.q[[0, -1]], [POSE, POSE], atol=1e-12)
 
 
-def test_the_worth_rises_with_every_change(searched):
+def test_the_objective_falls_with_every_accepted_change(searched):
     search, kept, trajectory = searched
     costs = np.array([search.cost(one) for one, *_ in kept])
     assert np.all(np.diff(costs) < 0.0)
@@ -96,7 +96,7 @@ def test_the_worth_rises_with_every_change(searched):
 
 
 def off(known, whole, **options):
-    """By how much the information that windows add up to is off that of the whole motion, of its largest entries."""
+    """Relative error of the information that is summed over windows."""
     search, asked = search_of(known, whole=whole, **options)
     _, trajectory = search.run(120, 4)
     true = known.information(trajectory.motion(search.times))
@@ -104,8 +104,8 @@ def off(known, whole, **options):
     return min(np.abs((one - true) / scale).max() for one in asked)
 
 
-def test_windows_add_up_to_the_information_of_the_whole_motion_unless_a_term_has_memory(known):
-    """Presliding depends on where a joint came from: a window alone would be wrong, and the whole is made afresh."""
+def test_information_of_windows_adds_up_to_that_of_the_motion(known):
+    """Presliding depends on earlier samples: a window alone would be wrong, so the whole motion is evaluated."""
     assert off(known, None) < 1e-9
     slipping = open_known(n=2, terms=("rigid_body", Hysteresis(width=(0.3, 0.5))))
     limits = MotionLimits(lower=-0.9, upper=1.1, velocity=1.5, acceleration=6.0)

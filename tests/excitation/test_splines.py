@@ -7,12 +7,12 @@ from scipy.interpolate import BSpline
 from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory
 
 WIDE = (0.04, 0.09, 0.15, 0.14)
-"""Share of the range by which bounds of positions, velocities, accelerations and jerks are too wide at most: what
-`bayesid.excitation.splines._HALVES` promises."""
+"""Largest excess of the bounds of positions, velocities, accelerations and jerks, over the range: as
+`TUNING.pieces_per_interval` of `bayesid.excitation.tuning` states."""
 
 
 def random_spline(duration, n, seed, scale=1.0):
-    """Control points that are rough, smooth, or all zero but one, each in a third of n joints; from rest to rest."""
+    """Control points that are rough, smooth, or zero except one, each in a third of n joints."""
     rng, basis = np.random.default_rng(seed), SplineBasis(duration)
     rough = rng.normal(size=(len(basis), n // 3))
     smooth = np.cumsum(rng.normal(size=(len(basis), n // 3)), axis=0)
@@ -39,7 +39,7 @@ def test_derivatives_are_those_of_another_implementation_of_splines(duration):
 
 @pytest.mark.parametrize("duration", [1.0, 9.0])
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
-def test_bounds_hold_at_every_instant_and_are_hardly_wider_than_needed(duration, order):
+def test_bounds_hold_at_every_instant_and_are_tight(duration, order):
     trajectory = random_spline(duration, 90, seed=3)
     values = trajectory.basis.values(np.linspace(0.0, duration, 20_001), order) @ trajectory.control
     least, largest = trajectory.bounds(order)
@@ -51,8 +51,8 @@ def test_bounds_hold_at_every_instant_and_are_hardly_wider_than_needed(duration,
     assert beyond.max() >= 0.02 * WIDE[order]  # rough curves do turn round between two knots
 
 
-def test_a_single_control_point_moves_the_curve_as_the_uniform_spline_of_degree_five_does():
-    """By hand: B(k) = 1, 26, 66, 26, 1 over 120 at whole knots, and its derivatives by differences of lower degrees."""
+def test_a_basis_function_is_the_uniform_spline_of_degree_five():
+    """B(k) = 1, 26, 66, 26, 1 over 120 at the knots, and its derivatives by differences of lower degrees."""
     basis = SplineBasis(4.0)
     assert np.diff(np.unique(basis.knots)) == pytest.approx(0.25)
     control = np.zeros((len(basis), 1))

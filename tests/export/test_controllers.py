@@ -1,4 +1,4 @@
-"""Programs of a planned motion: each format, read back by other means, holds the motion; slower ones go slower."""
+"""Programs of a planned motion: each format is read back by other means and compared with the motion."""
 
 import csv
 import re
@@ -27,11 +27,11 @@ DURATION = 2.05
 CENTRE = np.array([0.3, -1.7, 0.9, 2.2, -0.4, 1.1])
 SWING = np.array([0.5, -0.31, 0.23, 0.17, -0.41, 0.07])
 ASYMMETRIC = np.array([1.0, 2.0, 3.0, 1.0, 2.0, 4.0])
-"""Whole turns of each joint's phase in the duration."""
+"""Number of periods of each joint in the duration."""
 
 
 def formula(t, joints):
-    """Positions alone, written down anew: a smooth bump from rest to rest that returns elsewhere than it began."""
+    """Positions alone: a smooth bump from rest to rest between different poses."""
     s = (np.asarray(t) / DURATION)[:, None]
     smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     return CENTRE[:joints] + SWING[:joints] * (np.sin(0.5 * np.pi * ASYMMETRIC[:joints] * smooth) + 0.3 * smooth)
@@ -73,7 +73,7 @@ def test_a_slowed_motion_has_the_same_path_and_the_derivatives_of_its_own_time()
     assert slow.slowed(0.5).share == pytest.approx(0.5 * share)
 
 
-def test_via_points_tell_the_motion_between_them():
+def test_via_points_determine_the_motion_between_them():
     t = np.linspace(0.0, DURATION, 4001)
     for between in (cubic, quintic):
         points, deviation = planned().points(500, between)
@@ -120,7 +120,7 @@ def test_rsi_rows_are_corrections_from_the_start_pose_once_a_cycle():
 
 
 def run(script):
-    """Calls of a script: what differs from Python is `end`."""
+    """Calls of a script, which differs from Python by `end`."""
     lines = [line for line in script.splitlines() if line.strip() != "end"]
     calls = []
 

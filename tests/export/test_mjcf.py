@@ -1,4 +1,4 @@
-"""MuJoCo, as independent of bayesid as a simulator can be, finds the model's torques in what is exported to it."""
+"""MuJoCo gives the model's torques for the exported MJCF."""
 
 import mujoco
 import numpy as np
@@ -53,7 +53,7 @@ def in_joints(model, motion, theta):
 
 
 def assert_each_close(found, expected, relative):
-    """Every joint by its own scale: a wrist's torques are a thousandth of a shoulder's."""
+    """Relative to each joint's largest torque: a wrist's torques are a thousandth of a shoulder's."""
     np.testing.assert_array_less(np.abs(found - expected).max(axis=0), relative * np.abs(expected).max(axis=0))
 
 
@@ -159,7 +159,7 @@ def head_of(text):
     return [line.strip() for line in text[text.index("<!--") : text.index("-->")].splitlines()]
 
 
-def test_what_has_no_place_stands_at_the_head():
+def test_what_a_format_cannot_hold_is_in_the_comment():
     names = ("rigid_body", "torque_offset", "viscous_friction", "payload", "asymmetric_coulomb")
     shapes = {"asymmetric_coulomb": {"smoothing": [AT_REST], "joints": [2]}}
     terms = tuple(make_effect(name, shapes.get(name, {})) for name in names)

@@ -47,7 +47,7 @@ def test_without_noise_the_efforts_are_newton_and_euler():
     assert log.signed.all()
 
 
-def test_noise_is_white_gaussian_and_of_the_size_asked_for():
+def test_noise_is_white_gaussian_with_the_stated_deviation():
     model, motion, noise = paper_model(), motion_of(6, 4000), 0.3
     clean = model.effort(motion, nominal_parameters())
     log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(11), noise=noise, signed=True)
@@ -60,7 +60,7 @@ def test_noise_is_white_gaussian_and_of_the_size_asked_for():
     assert min(stats.kstest(column, "norm").pvalue for column in z.T) > 1e-4
 
 
-def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for():
+def test_coloured_noise_has_the_stated_deviation_and_correlation():
     """AR(1): variance as in the white case from the first sample on, correlation colour^k at lag k."""
     model, motion, colour = paper_model(), motion_of(6, 20_000), 0.9
     clean = model.effort(motion, nominal_parameters())
@@ -78,7 +78,7 @@ def test_coloured_noise_has_the_size_of_white_noise_and_the_memory_asked_for():
     assert np.abs((innovation[1:] * innovation[:-1]).mean(axis=0)).max() < 4.5 * (1.0 - colour**2) / np.sqrt(len(z))
 
 
-def test_noise_that_cannot_be_is_refused():
+def test_invalid_noise_is_refused():
     sensors = (np.full(6, -0.1), np.full(6, np.nan), np.full(5, 0.1), np.full((6, 1), 0.1))
     for option, said, values in (
         ("colour", "correlation", (1.0, -0.1, np.nan)),
@@ -93,7 +93,7 @@ def test_noise_that_cannot_be_is_refused():
 
 
 def test_an_unsigned_log_is_the_absolute_value_of_the_signed_one():
-    """Of all joints, or of some; and another generator makes another log."""
+    """For all joints, or some; another generator gives another log."""
     model, motion, some = paper_model(), motion_of(6), np.array([True, False, True, False, False, True])
     signed, unsigned, both, other = (
         simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(seed), noise=0.2, signed=keep)
@@ -167,7 +167,7 @@ AT = {"link_length": 3, "link_twist": 4, "joint_zero": 2, "gear_ratio": 3}
 
 @cache
 def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
-    """Signed efforts with effects as on the command line."""
+    """Signed efforts with effects of the command line."""
     robot = load_robot(robot)
     chosen = [parse_effect(text, robot) for text in effects]
     unsigned, signed = simulate_log(robot, 12.0, rate, noise, chosen, seed)
@@ -209,8 +209,8 @@ def test_friction_springs_and_bodies_are_physical():
             assert 0.0 < np.hypot(*model.distortions[0].angle) <= 1.0
 
 
-def test_distortions_meet_what_terms_have_made_and_sensors_come_last():
-    """In whatever order they are asked for."""
+def test_distortions_apply_after_terms_and_sensors_last():
+    """In any order of the effects."""
     rough = efforts("coulomb_friction:2:0.5")[:, 1]
     for texts in (("gain_error:2:0.2", "coulomb_friction:2:0.5"), ("coulomb_friction:2:0.5", "gain_error:2:0.2")):
         gain = efforts(*texts)[:, 1] / rough
@@ -255,7 +255,7 @@ def test_levels_out_of_reach_are_refused():
         assert "\n" not in str(refusal.value)
 
 
-def test_what_is_no_effect_is_refused():
+def test_invalid_effects_are_refused():
     names = ("rigid_body:1:0.1", "hysteresis.smooth:1:0.1", "dead_zone.shrinking:1:0.1", "friction:1:0.1", "")
     joints = ("payload:7:0.1", "payload:0:0.1", "payload:one:0.1")
     levels = ("payload:1:-0.1", "payload:1:1e4", "payload:1:nan", "payload:1:much")

@@ -84,8 +84,8 @@ def test_false_alarms_are_rare_and_so_many_that_differ_are_chance():
         assert found.beyond_chance == (so_many < 1e-3)
 
 
-def test_what_not_every_run_decides():
-    """Missing, infinite, not a number or zero: left out of that run."""
+def test_coefficients_that_not_every_run_determines():
+    """A missing, infinite, NaN or zero deviation is left out."""
     nan, inf = np.nan, np.inf
     first = run([1.0, 2.0, 3.0, 4.0, 5.0], [0.1, inf, 0.1, nan, inf], names=list("abcde"))
     second = run([1.1, 2.1, nan, 4.1, 5.0, 6.0], [0.1, 0.1, 0.1, 0.0, inf, 0.1], names=list("abcdef"))
@@ -100,7 +100,7 @@ def test_what_not_every_run_decides():
         np.testing.assert_array_equal(np.isfinite(getattr(found, name)), found.compared, err_msg=name)
 
 
-def test_coefficients_are_told_apart_by_what_they_are():
+def test_coefficients_differ_by_name_expression_and_unit():
     """The same name with a payload in its expression is another coefficient."""
     bare = run([1.0, 2.0], [0.1, 0.1], names=["m6", "Fv1"], expressions=["m6", "Fv1"])
     loaded = run([3.8, 2.0], [0.1, 0.1], names=["m6", "Fv1"], expressions=["m6 + mP", "Fv1"])
@@ -130,13 +130,13 @@ def test_what_cannot_be_compared():
 
 
 def two_runs(distances):
-    """Two runs of sd 1 whose means lie so many times the sd of their difference apart."""
+    """Two runs of sd 1 whose means differ by a multiple of the sd of their difference."""
     zero = np.zeros(len(distances))
     return agreement([run(zero, zero + 1.0), run(np.sqrt(2.0) * np.array(distances), zero + 1.0)])
 
 
 def test_the_file_says_the_same(tmp_path):
-    """Written and read as a table; rows that another process has written as text are as good."""
+    """Written and read as a table; rows may be text."""
     runs = [run([1.0, 7.0], [1.0, np.inf]), run([2.0, -3.0], [2.0, np.inf]), run([4.0, 7.0], [0.5, 4.0], unit="kg")]
     written = rows(agreement(runs))
     with (tmp_path / "agreement.csv").open("w", newline="") as file:
@@ -155,7 +155,7 @@ def test_the_file_says_the_same(tmp_path):
     assert rows(agreement(texts)) == written
 
 
-def test_what_is_said_of_runs_follows_how_far_apart_they_lie():
+def test_the_sentence_follows_the_scatter_of_the_runs():
     usual = 0.6745  # half of all differ by less
     for distances, *words in (
         ([usual] * 9, "agree as expected", "1.0 times", "0 of 9 differ"),

@@ -105,8 +105,8 @@ def test_a_bad_log_is_named_and_the_rest_is_complete(week, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("theirs", ["", "notes.txt", "mon/notes.txt", "mon/mon.csv"])
-def test_nothing_of_others_is_replaced(week, tmp_path, theirs):
-    """A file instead of the folder, other files in it, the log itself."""
+def test_other_files_are_not_replaced(week, tmp_path, theirs):
+    """A file in place of the folder, other files in it, the log itself."""
     place, log = tmp_path / "out" / theirs, week / "mon.csv"
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(log.read_bytes())

@@ -21,7 +21,7 @@ from bayesid.study.runner import Cluster, LostSchedulerError, connect, run
 ON_CLUSTER = "BAYESID_TEST_CLUSTER"
 """Variable that stands in the environment of a cluster's workers, and of no other process."""
 TWO_THREADS = {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "MKL_NUM_THREADS": "2"}
-"""What a worker must not take over."""
+"""Environment variable that a worker must not inherit."""
 
 
 class Poison:
@@ -32,7 +32,7 @@ class Poison:
 
 
 def do(task):
-    """What a worker can meet with."""
+    """Failures of a worker."""
     kind, *given = task
     match kind:
         case "square":
@@ -72,7 +72,7 @@ def cluster(tmp_path_factory):
 
 
 def everything(batches):
-    """Outcomes by task; each comes once."""
+    """Outcomes by task, one each."""
     with closing(batches):
         came = [outcome for batch in batches for outcome in batch]
     assert max(Counter(outcome.index for outcome in came).values()) == 1
@@ -123,8 +123,8 @@ def test_closed_early_a_cluster_is_asked_to_stop(cluster, tmp_path):
     assert len(marks_in(marks)) < 10
 
 
-def test_a_scheduler_that_is_gone():
-    """What its client raises depends on when it is asked; test_kill.py kills one."""
+def test_a_lost_scheduler_is_an_error():
+    """The client's exception depends on its state."""
 
     def gone(*_):
         raise AttributeError("ncores")
@@ -147,7 +147,7 @@ def refusal(call=None, **where):
     return in_options(str(error.value))
 
 
-def test_places_that_there_are_none_of_are_refused(monkeypatch):
+def test_unavailable_workers_are_refused(monkeypatch):
     assert list(run(do, [])) == list(run(do, [], scheduler="tcp://127.0.0.1:1")) == []  # without tasks none is needed
     assert refusal(workers=-1).startswith("--workers: is -1")
     for address in ("", "127.0.0.1:8786", "tcp://127.0.0.1", "http://127.0.0.1:8786"):
