@@ -119,7 +119,7 @@ def test_the_goal_payload_needs_a_payload_on_the_flange():
 
 
 def test_signs_are_the_efforts_of_random_motions(known):
-    """The sum over the goal's forms is the mean squared effort error over the noise variance, times samples per second."""
+    """The trace over the goal's forms is the mean squared effort error over noise variance, per second."""
     goal = goal_of(known, ["signs"])
     motion = reference_motion(known.model.robot)
     columns, weights = known.columns(motion), known.weights(motion)

@@ -124,7 +124,7 @@ def test_a_collision_model_keeps_the_robot_off_the_table(result, design):
 
 
 def test_predicted_deviations_agree_with_an_identification_of_both_logs(truth, log, result, design):
-    """Standard deviations depend on the noise, which 200 samples per joint determine to 5 %, and on its correlation time."""
+    """Standard deviations depend on the estimated noise, known to 5 %, and on its correlation time."""
     both = join_logs([log, log_of(truth, design.motion, 8)])
     found = identify(truth.model.robot, both, TERMS, complete="off", posterior=False)
     assert found.coefficients.names == design.predicted.names
