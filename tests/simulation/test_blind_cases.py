@@ -48,7 +48,7 @@ def test_logs_are_the_three_motions_with_efforts_without_sign(folders):
                 efforts = getattr(truth, f"{name}_efforts")
                 np.testing.assert_allclose(values[:, 7:], np.abs(efforts), rtol=1e-9)
                 assert (efforts < 0).any()
-                np.testing.assert_array_equal(np.sign(efforts), getattr(truth, f"{name}_signs"))
+        np.testing.assert_array_equal(np.sign(truth.log_efforts), truth.log_signs)
         assert all(np.abs(a - b).max() > 0.5 for a, b in zip(motions, motions[1:] + motions[:1], strict=True))
 
 
