@@ -98,7 +98,6 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
 
 
 def _print_config(options: Namespace) -> None:
-    """Prints the options that come from a file."""
     if options.configured is not None:
         from bayesid.cli.terminal import note, warn
 

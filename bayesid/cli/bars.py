@@ -108,13 +108,10 @@ class Lines:
 
 
 def _until(seconds: float) -> float:
-    """Seconds until the next line."""
     return TUNING.between_lines - seconds % TUNING.between_lines
 
 
 class _Bar(Bars):
-    """One bar at a time, shown after `TUNING.patience`."""
-
     def __init__(self, *columns: ProgressColumn) -> None:
         drawn = TextColumn("{task.description}"), BarColumn(), *columns
         super().__init__(*drawn, console=console(stderr=True), transient=True, refresh_per_second=4.0)

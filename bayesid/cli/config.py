@@ -85,7 +85,6 @@ def _placed(text: str, folder: Path, action: argparse.Action) -> str:
 
 
 def _same(words: Sequence[str], typed: object, action: argparse.Action, given: Collection[str]) -> bool:
-    """Whether an option of the file agrees with the command line."""
     if action.nargs == 0:
         return words[0] in given
     texts = [word.partition("=")[2] for word in words]

@@ -55,7 +55,6 @@ def discrepancy_command(options: argparse.Namespace) -> None:
 
 
 def _is_log(options: argparse.Namespace) -> bool:
-    """Whether the first argument is a log, not a result."""
     first = options.result
     if first.is_dir() and not is_log_folder(first):
         return False
@@ -142,7 +141,6 @@ def _search(options: argparse.Namespace, usual: float) -> Certified:
 
 
 def _with_command(options: argparse.Namespace, result: Discrepancy) -> Discrepancy:
-    """The result with the command line, and with the earlier result's bayesid.toml."""
     again, kept = result.identification, options.result / CONFIG
     config = read_config(kept) if kept.is_file() else config_of(options)
     run_by = replace(again.provenance, command=command_line(), config=config)
@@ -150,7 +148,6 @@ def _with_command(options: argparse.Namespace, result: Discrepancy) -> Discrepan
 
 
 def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
-    """Saves a result; returns messages on missing files."""
     with collect_incomplete() as incomplete:
         save_or_rescue(save, folder)
     return incomplete

@@ -76,8 +76,6 @@ class _Found(_Place):
 
 @dataclass(frozen=True)
 class _Discrepancy:
-    """The part of discrepancy.json that is used."""
-
     found: tuple[_Found, ...]
 
 
@@ -123,7 +121,6 @@ def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> Exc
 
 
 def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tuple[str, str]:
-    """Writes a design; returns its text and the last line."""
     folder = check_new(options, options.out, DESIGN_FILES, DESIGN_MARKER)
     design = design_for_robot(
         robot,
@@ -146,7 +143,6 @@ def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tu
 
 
 def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
-    """Writes the next motion; returns its text and the last line."""
     folder = check_next_folder(options.out)
     check_taken(options, folder)
     with stages(options) as progress:
@@ -253,7 +249,6 @@ def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> Colli
 
 
 def _height(text: str) -> float | None:
-    """Of the floor, m."""
     heights = (
         None if text == "none" else numbers(text, "--floor", "give the height over the base's origin in m, or none")
     )

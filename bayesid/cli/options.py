@@ -238,7 +238,6 @@ def kept_reading(options: argparse.Namespace, kept: dict[str, Any], given: Mappi
 
 
 def _alike(kept: Any, given: Any) -> bool:
-    """Whether two values of an option agree."""
     return np.array_equal(kept.value, given) if isinstance(kept, Gains) else bool(kept == given)
 
 

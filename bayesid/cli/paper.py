@@ -208,7 +208,6 @@ def letter_command(options: argparse.Namespace) -> None:
 
 
 def _checks(experiment: LetterExperiment) -> list[Check]:
-    """Checks against the simulated truth."""
     count, known = len(experiment.segments), experiment.known
     right, nodes, enough = count - experiment.wrong, len(experiment.nodes), known >= _KNOWN_IN_PAPER - 1
     return [
@@ -254,7 +253,6 @@ def node_rows(nodes: Sequence[Node]) -> list[dict[str, object]]:
 
 
 def _lines(experiment: LetterExperiment) -> list[str]:
-    """The experiment's numbers beside the paper's."""
     count, kept = len(experiment.segments), int((experiment.segments.end - experiment.segments.start).sum())
     branch, known = experiment.true_branch, experiment.known
     infeasible = [node.depth for node in branch if not node.feasible]

@@ -172,7 +172,6 @@ def payload_command(options: argparse.Namespace) -> None:
 
 
 def _share(text: str) -> float:
-    """0.02 or 2%."""
     try:
         return float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
     except ValueError:
@@ -180,7 +179,6 @@ def _share(text: str) -> float:
 
 
 def _mass(text: str) -> tuple[float, float]:
-    """KG or KG~SD."""
     mass, _, sd = text.partition("~")
     try:
         return float(mass), float(sd) if sd else 0.0

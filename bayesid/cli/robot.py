@@ -83,7 +83,6 @@ def _show(options: argparse.Namespace) -> None:
 
 
 def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
-    """Positions of flange and joints, reach, and the file's notes."""
     robot, n = here.robot, here.robot.n_joints
     points = np.vstack([here.joint_frames[:, :3, 3], here.flange[:3, 3]]).round(9) + 0.0
     names = [*(f"joint {i} {joint.name}".rstrip() for i, joint in enumerate(robot.joints, start=1)), "flange"]

@@ -107,7 +107,7 @@ def not_excited(count: int | str, of: int) -> Check:
 
 
 def no_effort(joints: Sequence[int], names: Sequence[str]) -> Check:
-    """Joints (from 1) without a recorded effort in motion, and the coefficients that cannot be identified without them."""
+    """Joints (from 1) without a recorded effort in motion, and the coefficients that cannot be identified then."""
     whose = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
     what = ", ".join(names) if names else "coefficients of friction, offset and rotor"
     message = f"{whose}: no effort recorded in motion; {what} cannot be identified"

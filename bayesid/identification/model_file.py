@@ -100,7 +100,6 @@ def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
 
 
 def _stored_knowledge(table: dict[str, Any], model: Model) -> dict[str, Any]:
-    """Precision and covariances (r, r), and hashes of logs; a nominal model has a precision of zero."""
     kept = base_coefficients(model).names
     shape = (len(kept), len(kept))
     if "knowledge" not in table:

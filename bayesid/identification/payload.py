@@ -346,7 +346,6 @@ def _posterior_of(again: Identification) -> Posterior:
 
 
 def _stated(known_mass: float | tuple[float, float]) -> tuple[float, float]:
-    """Mass and sd, kg."""
     try:
         mass, sd = (float(known_mass), 0.0) if np.ndim(known_mass) == 0 else map(float, known_mass)  # type: ignore
     except (TypeError, ValueError):

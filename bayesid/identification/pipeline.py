@@ -358,7 +358,6 @@ def _prepared(
     terms: Sequence[str | Term],
     constraints: ConstraintFunction | str | Path | None,
 ) -> tuple[Log, Model, Signals, Segments]:
-    """Log, model, signals and segments, checked."""
     with run.progress.stage("prepare"):
         log = as_log(log, robot)
         check_memory(log, run.preprocessing.max_memory)
@@ -421,8 +420,6 @@ def _call(
 
 
 class _Named:
-    """Constraints, shown as in a call."""
-
     def __init__(self, constraints: ConstraintFunction | str | Path | None) -> None:
         self._name = "constraints" if callable(constraints) else repr(constraints and str(constraints))
 

@@ -144,7 +144,6 @@ def integrate(
 
 
 def _log_noise(shape: Array, residual: Array, log_scale: Array) -> Array:
-    """(W,) log density of `noise_scales` (W, n)."""
     constant = np.log(2.0) + shape * np.log(0.5 * residual) - gammaln(shape)
     value: Array = np.sum(constant - 2.0 * shape * log_scale - 0.5 * residual * np.exp(-2.0 * log_scale), axis=1)
     return value

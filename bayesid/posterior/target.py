@@ -140,7 +140,6 @@ def make_prior(
 
 
 def _half_spaces(windows: Sequence[Bound], size: int) -> tuple[Array, Array]:
-    """(m, size) rows and (m,) offsets of windows."""
     rows = np.array([window.whole - window.part for window in windows]).reshape(-1, size)
     return rows, np.array([window.bound - window.constant for window in windows])
 

@@ -215,13 +215,11 @@ def make_nuisance(
 
 
 def _scaled(values: Array, used: Mask, weight: Array) -> Array:
-    """(N n, k) rows in units of the error, zero where not used."""
     scaled: Array = (values / weight[:, None] * used[:, :, None]).reshape(-1, values.shape[2])
     return scaled
 
 
 def _root(moments: Array) -> Array:
-    """L with L L' = A."""
     values, vectors = np.linalg.eigh(0.5 * (moments + moments.T))
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root

@@ -72,7 +72,6 @@ def _where(joints: Collection[int]) -> str:
 
 
 def _or(alike: Sequence[AddedEffect]) -> str:
-    """Equivalent effects, two at most."""
     names = list(dict.fromkeys(name for added in alike for name in equivalents(added, label)))
     more = ", .." if len(names) > 2 else ""
     return f" (or {listed(names[:2], 'or')}{more})" if names else ""
@@ -118,7 +117,6 @@ def _remaining(discrepancy: Discrepancy) -> Check:
 
 
 def _next(discrepancy: Discrepancy) -> str:
-    """The most useful next step."""
     if discrepancy.unexplained:
         joints = joints_in_words(joint for joint, _ in discrepancy.unexplained)
         return f"see the residual of {joints} in discrepancy.html"

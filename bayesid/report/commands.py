@@ -76,7 +76,6 @@ def program(summary: Summary) -> str:
 
 
 def _words(summary: Summary) -> list[str]:
-    """Words of the command that was run; none if it is unknown."""
     try:
         return shlex.split(summary.provenance.command or "")
     except ValueError:

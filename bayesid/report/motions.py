@@ -129,7 +129,6 @@ def design_text(design: ExcitationDesign) -> str:
 
 
 def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequence[str]) -> list[list[str]]:
-    """Positions of each joint, the largest shares of its limits, and a last column."""
     start, low, high = motion.q[0], motion.q.min(axis=0), motion.q.max(axis=0)
     used = [np.abs(values).max(axis=0) for values in (speed, acceleration)]
     return [

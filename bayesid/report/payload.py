@@ -35,7 +35,6 @@ def save_payload(reading: PayloadEstimate, folder: str | Path) -> Path:
 
 
 def _payload_summary(reading: PayloadEstimate) -> dict[str, Any]:
-    """payload.json: SI units, joints from 1."""
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
     doubts = [check for check in payload_checks(reading) if check.state != "good"]
     return as_object(

@@ -179,7 +179,6 @@ class ReportData:
 
     @property
     def _n_ensembles(self) -> int:
-        """Number E of ensembles; 0 without draws."""
         return 0 if self.draws is None else len(self.draws)
 
     def trend(self, joint: int, variable: str) -> tuple[Array, Array, Array]:

@@ -71,7 +71,6 @@ def write_identification(
 
 
 def _config_text(identification: Identification) -> str:
-    """bayesid.toml: options for further logs of the robot."""
     origin = identification.model.robot.origin
     robot = {} if origin is None else plain_config(origin.options)
     head = "# Options of `bayesid identify` for further logs of this robot.\n"
@@ -199,6 +198,5 @@ def write_signed_log(path: Path, log: Log, signals: Signals, probability: Array)
 
 
 def _velocities(log: Log, piece: Piece | None = None) -> Array:
-    """(N, n) of a log, or of one of its pieces, rad/s."""
     rows = slice(None) if piece is None else slice(piece.start_row, piece.stop_row)
     return derived(log.t[rows], log.q[rows]) if log.dq is None else log.dq[rows]

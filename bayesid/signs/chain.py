@@ -235,7 +235,6 @@ class _Pass:
         return True
 
     def _entries(self, part: _Part) -> Single:
-        """(G', R) initial messages of the rows."""
         before, exists = self._before(part)
         entries = self.ends[part.window, before]
         entries[:, ~exists] = self.first[part.window, None]

@@ -122,7 +122,6 @@ class SignFilter:
         return before
 
     def _looked_back(self, oldest: _Past, *later: _Past) -> Array:
-        """(n,) P(sign = +) of the oldest stored reading."""
         future = np.ones_like(oldest.before)
         for reading in reversed(later):
             future = reading.likelihood * future

@@ -50,8 +50,6 @@ def select_forward(
 
 @dataclass(eq=False)
 class _Selection:
-    """The selected effects of a regression, and those that are not tried again."""
-
     regression: Regression
     chosen: list[Hypothesis]
     needed: float

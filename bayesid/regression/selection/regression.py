@@ -124,7 +124,6 @@ class Regression:
         return self._columns[joint]
 
     def _always(self, joint: int) -> Integers:
-        """Indices of a joint's columns that are in every set."""
         r, always = self._ends
         beside = np.arange(r, always) if joint in self.uncertain.rows else np.zeros(0, dtype=np.int64)
         return np.concatenate([self.data.whitening.bare(joint)[0], beside])

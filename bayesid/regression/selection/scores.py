@@ -310,7 +310,6 @@ class JointForms:
 
 
 def _best_each(owners: Integers, scores: Array) -> list[int]:
-    """The best set of each combination of effects (K, k), best first."""
     combination = np.sort(owners, axis=1)
     best = dict[tuple[int, ...], int]()
     for k in np.argsort(-scores, kind="stable").tolist():
@@ -319,7 +318,6 @@ def _best_each(owners: Integers, scores: Array) -> list[int]:
 
 
 def _one_more(sets: Integers, owner: Integers) -> Integers:
-    """(K', k + 1) sets extended by one form of another effect."""
     every = np.arange(len(owner))
     grown = np.column_stack([np.repeat(sets, len(every), axis=0), np.tile(every, len(sets))])
     new = (owner[grown[:, :-1]] != owner[grown[:, -1:]]).all(axis=1)

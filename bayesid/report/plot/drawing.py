@@ -187,7 +187,6 @@ def _transform(ax: Axes, mark: Boxes | Strokes) -> Any:
 
 
 def _colours(mark: Boxes) -> Array:
-    """(K, 4) with their opacities."""
     from matplotlib.colors import to_rgba_array
 
     colours = to_rgba_array(mark.colour if isinstance(mark.colour, str) else list(mark.colour))
@@ -208,7 +207,6 @@ def legend(ax: Axes, handles: Sequence[Any], names: Sequence[str], outside: bool
 
 
 def _handle(mark: Mark) -> Any:
-    """The symbol of a mark in a legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

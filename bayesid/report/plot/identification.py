@@ -43,7 +43,6 @@ def _joint_by_joint(
     axes: Any,
     **look: Any,
 ) -> list[Axes]:
-    """A panel for each of the joints, one below the other."""
     panels = [panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
     return draw(fig.Figure(fig.rows_of(panels, 1), look.pop("height", 2.1) * len(panels), **look), axes)
 

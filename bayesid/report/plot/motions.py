@@ -74,7 +74,6 @@ def excitation_figure(design: ExcitationDesign) -> Figure:
 
 
 def _draw_expected(ax: Axes, design: ExcitationDesign, joint: int) -> None:
-    """|effort|, in orange for weak segments."""
     quality, t = design.reached, design.motion.t
     segments, magnitude = quality.segments, quality.magnitude[:, joint]
     here = np.flatnonzero(segments.joint == joint)
@@ -201,7 +200,6 @@ def _draw_curve(ax: Axes, t: Array, curve: Array, band: tuple[Array, Array], end
 
 
 def _write(ax: Axes, text: str, right: float, **look: Any) -> None:
-    """A text above a panel, at its left or right end."""
     across = "right" if right else "left"
     ax.text(right, 1.03, text, transform=ax.transAxes, ha=across, va="bottom", fontsize=SIZE - 2.0, **look)
 
@@ -220,7 +218,6 @@ def _write_use(ax: Axes, low: float, high: float, lower: float, upper: float, *,
 
 
 def _draw_poses(poses: Poses, *views: Axes) -> None:
-    """All poses from the side and from above, at one scale."""
     known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, np.zeros((1, 3))])
     lowest, highest = np.nanmin(known, axis=0), np.nanmax(known, axis=0)
     middle, half = (lowest + highest) / 2.0, (0.5 + 0.06) * float((highest - lowest).max() or 1.0)
@@ -235,7 +232,6 @@ def _draw_poses(poses: Poses, *views: Axes) -> None:
 
 
 def _draw_distance(ax: Axes, t: Array, distance: Array, margin: float | None) -> None:
-    """The least distance over time with its margin."""
     least = int(np.argmin(distance))
     shown = np.union1d(evenly(len(t), TUNING.curve), [least])
     title = f"least distance {1e3 * distance[least]:.0f} mm, at {t[least]:.3g} s"

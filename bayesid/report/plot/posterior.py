@@ -135,7 +135,6 @@ def _ranks(draws: Array, name: str) -> fig.Panel:
 
 
 def _values(findings: ReportData, chosen: Integers) -> Array:
-    """(E, D, K) draws of K coefficients."""
     if findings.draws is None:
         raise ValueError("no posterior was sampled")
     return findings.standardised(chosen)

@@ -74,7 +74,6 @@ def _with_alarms(panel: fig.Panel, streamed: Replay, joint: int) -> fig.Panel:
 
 
 def _change(alarm: Alarm, top: float) -> list[fig.Mark]:
-    """A lasting change: its onset, its detection and its kind."""
     kind = "unknown change" if alarm.kind == "unknown" else alarm.kind
     return [
         fig.upright(alarm.raised, fig.ORANGE, 1.6, label="change detected"),

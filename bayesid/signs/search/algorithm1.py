@@ -158,7 +158,6 @@ class _Level(NamedTuple):
 
 
 def _children(level: _Level, gradients: Array) -> _Level:
-    """All signs of the next segments, with gradients g (d, r), below each node."""
     choices = np.array(list(itertools.product((1, -1), repeat=len(gradients))), dtype=np.int64)
     added = np.tile(choices, (len(level.paths), 1))
     paths = np.hstack([np.repeat(level.paths, len(choices), axis=0), added])
@@ -167,7 +166,6 @@ def _children(level: _Level, gradients: Array) -> _Level:
 
 
 def _whole(known: Integers, decided: Integers, path: Integers) -> Integers:
-    """(S,) signs of a node; undecided segments keep their known sign or 0."""
     signs = known.copy()
     signs[decided] = path
     return signs

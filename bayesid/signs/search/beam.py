@@ -293,7 +293,6 @@ def keep_incumbent(
 def _cheaper(
     normal_equations: NormalEquations, prepared: PreparedNode, result: SearchResult, signs: Integers
 ) -> SearchResult:
-    """The result, or other signs (S,) if those cost less; needs one cone problem."""
     solution = prepared.solve(signs @ normal_equations.gradient)
     result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
     other = Assignment(signs, solution.theta, float(normal_equations.energy.sum()) + solution.cost, -np.inf)
