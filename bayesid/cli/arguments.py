@@ -246,6 +246,7 @@ _EXCITE = Command(
         "without --for": _FOR_ROBOT,
         "how the log is read, without --for": shared(READING),
     },
+    moved={"--effort-limits": "give --limits FILE with a line effort = [..], N m"},
     details="limits: lower, upper, velocity, acceleration, jerk, effort (N m); default: of\n"
     "  the robot's URDF, else +-2 rad, 3 rad/s, 15 rad/s^2\n\n"
     "--about: coefficients, parameters, effects, gains, payload, signs\n\n" + _STANDARD_TERMS,

@@ -66,9 +66,9 @@ class ExcitationAssessment(Excitation):
 
     @property
     def state(self) -> Literal["good", "look", "bad"]:
-        """`bad` if a joint or all its signs are undetermined, `look` for other remarks, `good` without.
+        """`bad` if a joint or all its signs are undetermined, else `look` or `good`.
 
-        Combinations that no motion can separate do not count.
+        `look`: many coefficients are undetermined, signs are doubtful, or a joint is often at standstill.
         """
         if _hardly_moving(self) or _flippable(self):
             return "bad"

@@ -21,7 +21,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.bayes_factors import Belief, expected_factors
 from bayesid.excitation.gaussian_posterior import GaussianPosterior
-from bayesid.excitation.hypotheses import EXAMPLE, Changes
+from bayesid.excitation.hypotheses import REMEDY, Changes
 from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
@@ -207,7 +207,7 @@ def _competing(
         forms = [CompetingForm.of(hypothesis) for hypothesis in made]
         if not forms:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
-            raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=EXAMPLE)
+            raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=REMEDY)
         if in_result is not None:  # a term has parameters, a distortion only its constant change
             amplitudes = np.concatenate([in_result[1], forms[0].mean[len(in_result[1]) :]])
         competing.append(CompetingModel(key, tuple(forms), amplitudes))

@@ -12,7 +12,7 @@ from bayesid.errors import InputError
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.hypotheses import EffectKey
 
-EXAMPLE = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
+REMEDY = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
 Changes = Mapping[EffectKey, Mapping[str, float]]
 """Hypotheses that change parameters of a term, with the change of each parameter if the result has it."""
 Classes = tuple[tuple[EffectKey, ...], ...]
@@ -56,11 +56,11 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, 
     """
     whole = {name for name, kind in main_forms().items() if kind.acts_on == "robot"}
 
-    def placed(effect: str, joints: tuple[int, ...] | None, beside: tuple[int, ...]) -> EffectKey:
-        return effect, joints if joints is not None else () if effect in whole else beside
+    def key(effect: str, joints: tuple[int, ...] | None, default: tuple[int, ...]) -> EffectKey:
+        return effect, joints if joints is not None else () if effect in whole else default
 
     return tuple(
-        ((effect, joints), *(placed(name, where, joints) for name, where in others.items()))
+        ((effect, joints), *(key(name, where, joints) for name, where in others.items()))
         for effect, joints, others in found
         if others
     )
@@ -70,8 +70,8 @@ def parse_key(text: str) -> EffectKey:
     """An effect and its joints, from a name as `stribeck_friction:3`."""
     effect, *joints = text.strip().split(":")
     if effect not in {kind.name.split(".")[0] for kind in catalogue.forms().values()}:
-        raise InputError(f"{effect!r} is not an effect of the catalogue", field="between", remedy=EXAMPLE)
+        raise InputError(f"{effect!r} is not an effect of the catalogue", field="between", remedy=REMEDY)
     try:
         return effect, tuple(int(joint) for joint in joints if joint)
     except ValueError:
-        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=EXAMPLE) from None
+        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=REMEDY) from None

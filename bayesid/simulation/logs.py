@@ -204,8 +204,8 @@ def with_effects(
     kinds = Distortion, SensorDistortion
     for form, effect, rng in sorted(drawn, key=lambda each: [isinstance(each[0], kind) for kind in kinds]):
         if isinstance(form, Distortion):
-            here = _scene(model, theta, motion)
-            model = model.extend(_scaled_distortion(form, effect, model, here, theta, rng))
+            current = _scene(model, theta, motion)
+            model = model.extend(_scaled_distortion(form, effect, model, current, theta, rng))
         elif form.frees:
             model, theta = _with_negative(form, effect, model, theta, scene)
         else:

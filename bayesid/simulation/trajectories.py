@@ -22,7 +22,7 @@ from bayesid.simulation.tuning import TUNING
 
 HARMONICS = 5
 """As in Swevers et al. 1997."""
-_FLOOR = 1e-14  # smallest ratio of eigenvalues above rounding: keeps the objective finite where columns are dependent
+_FLOOR = 1e-14  # smallest ratio of eigenvalues above rounding: the objective stays finite for dependent columns
 UNEXCITED = -0.5 * float(np.log(1e2 * _FLOOR))
 """Logarithm of a condition number that rounding of a Gram matrix does not distinguish from infinity."""
 

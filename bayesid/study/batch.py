@@ -146,8 +146,8 @@ def _identify(
             save_identification(result, folder, report=report)
     except InputError as error:
         return Run(log, folder, str(error), bad_input=True)
-    said = [*result.warnings, *incomplete]
-    return Run(log, folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=said)
+    warnings = [*result.warnings, *incomplete]
+    return Run(log, folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=warnings)
 
 
 def _figures(result: Identification) -> dict[str, Any]:

@@ -276,6 +276,7 @@ BAD_MOTIONS = [
     (("--between", "torque_offset:1"), ("--between", "two different")),
     (("--about", "Fc2", "--between", "torque_offset:1,joint_spring:1"), ("--between", "--about")),
     (("--start", "0,1"), ("--start", "2 numbers")),
+    (("--effort-limits", "5,5,5"), ("--effort-limits", "--limits FILE", "effort")),
     (("--capsules", "0.03,x"), ("--capsules", "not a list of numbers")),
     (("--margin=-1", "--capsules", "0.03"), ("--margin", "-1 m", "touch")),
     (("--capsules", "0.03", "--floor", "low"), ("--floor", "'low'", "none")),
