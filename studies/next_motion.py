@@ -326,7 +326,7 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     return {
         "joint": key[1][0],
         "ambiguous": True,
-        "rivals": ",".join(competing),
+        "equivalents": ",".join(competing),
         **after,
         "expected": float(np.min(expected)),
         **kept_limits(truth, design),
@@ -393,7 +393,7 @@ _COLUMNS = (
     *("coefficients", "open_now", "open_predicted", "open_lacking"),
     *(f"{what}_{name}" for name in ("designed", "random", "repeat") for what in ("open", "error", "right")),
     *("noise_near", "noise_above", "noise_median", "total_between", "total_above", "total_near"),
-    *("joint", "ambiguous", "rivals"),
+    *("joint", "ambiguous", "equivalents"),
     *(f"{what}_{name}" for name in ("designed", "random") for what in ("named", "factor", "discriminated")),
     *("expected", "motion_held", "effort_held", "effort_share", "random_allowed"),
 )

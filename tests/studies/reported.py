@@ -1,4 +1,4 @@
-"""What a study makes of its rows."""
+"""Report and figure of a study."""
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Alternatives priced and weighed: against the draws without them, and what the log cannot tell."""
+"""Alternatives against draws without them, and where the log does not discriminate."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_what_the_log_cannot_tell_has_the_weight_that_the_prior_and_the_draws_gi
         assert one.marginal_likelihood.log_value == pytest.approx(0.0, abs=1.0)
 
 
-def test_one_that_both_satisfy_is_told(arm):
+def test_draws_that_satisfy_both_count_as_shared(arm):
     result, places, theta = arm
     mass = theta[places["m1"]]
     overlapping = {"light": lambda p: p["m1"] <= mass, "heavy": lambda p: p["m1"] >= 0.5 * mass}

@@ -1,4 +1,4 @@
-"""The posterior's benchmark: what NUTS samples is the very same density, and the study runs."""
+"""The benchmark of samplers: NUTS samples the same density, and the script runs."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The blind cases by kind: forms of torque by hand, sets in their joints, tables that are off, trouble all along."""
+"""Simulated cases by kind: torques by hand, sets in their joints, wrong tables, errors in all logs."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -92,7 +92,7 @@ def test_cases_of_a_kind_hide_what_they_say(kind):
 
 
 def test_the_table_that_is_off_is_that_of_log_and_holdout():
-    """Against MuJoCo's efforts of the robot built by the changed table; the table told is the baseline's."""
+    """Against MuJoCo's efforts of the robot of the changed table; the stated table is the baseline's."""
     logs, _ = blind_sets.simulate(blind_sets.of_kind(TABLE, 1, 4)[0])
     (effect,) = logs.hidden
     x, play = effect.draft.parameters, logs.plays[1]

@@ -1,4 +1,4 @@
-"""The study of calibration: its classes are what their names say, its figures are what their definitions say."""
+"""The study of calibration: classes match their names, figures their definitions."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_bins_count_what_is_right_and_what_was_claimed():
 
 
 def test_coverage_and_its_error():
-    """By hand, and by drawing logs of unlike size again, whose coefficients share their fate."""
+    """By hand, and by redrawing logs of different size with correlated coefficients."""
     counts = [(90, 100), (98, 100), (100, 100), (60, 100)]
     rows = [{"inside": inside, "coefficients": count} for inside, count in counts]
     assert coverage(rows) == pytest.approx((0.87, np.std([0.9, 0.98, 1.0, 0.6], ddof=1) / 2.0))

@@ -1,4 +1,4 @@
-"""The study of completed models: its cases are true to what they say, its report and figure bear short runs."""
+"""The study of model selection: its cases have the stated truth, noise and effects."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_the_true_parameters_explain_the_log_up_to_its_noise():
 
 
 @pytest.mark.parametrize("name", ["load_dependent", "warming"])
-def test_one_effect_is_hidden_in_one_joint_and_is_as_large_as_said(name):
+def test_one_effect_is_hidden_in_one_joint_at_its_size(name):
     scenario = of_class(name, robot="kr5")
     with_it, without = (make_case(replace(scenario, effects=effects), 5) for effects in (scenario.effects, ()))
     ((effect, (joint,)),) = with_it.hidden

@@ -1,4 +1,4 @@
-"""What is told of two golden files; no run is made."""
+"""Differences of two golden files, without runs."""
 
 import copy
 import json
@@ -42,7 +42,7 @@ def test_equal_files_say_nothing():
         ("payload.inertia.value.1", [0.03, 0.001]),
     ],
 )
-def test_a_figure_beyond_its_tolerance_is_told(figure, value):
+def test_a_figure_beyond_its_tolerance_is_listed(figure, value):
     (line,) = told(**{figure: value})
     assert figure in line
     assert str(value) in line
@@ -61,7 +61,7 @@ def test_a_figure_within_its_tolerance_is_not(figure, value):
     assert told(**{figure: value}) == []
 
 
-def test_a_missing_run_and_a_missing_figure_are_told():
+def test_missing_runs_and_figures_are_listed():
     assert "missing" in differences(results(), {})[0]
     assert "missing" in differences({}, results())[0]
     fewer = results("b")
@@ -77,7 +77,7 @@ def test_the_reference_keeps_one_number_of_a_list_that_any_element_changes():
     assert golden.same(few["mean#2"], reduced(FIGURES)["mean#2"])
 
 
-def test_a_run_that_fails_is_told_and_the_others_go_on(capsys):
+def test_a_failed_run_is_listed_and_the_others_run(capsys):
     found = execute([Run("bad", ("identify nowhere.csv --robot kr5 --out out",)), Run("worse", ("no_command",))])
     assert "exit code 2" in found["bad"]["error"]
     assert set(found) == {"bad", "worse"}

@@ -28,7 +28,7 @@ NAP = 0.1
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """What the rows' file must be in the end."""
+    """The expected file of rows."""
     folder = tmp_path_factory.mktemp("undisturbed")
     run_study(toy_study(), TRIALS, workers=0, out=folder)
     return folder
@@ -44,7 +44,7 @@ def stand(folder):
 
 
 def check_stand(folder, undisturbed):
-    """Rows of an unfinished run: none differs from the one it should be, none says that a worker died."""
+    """Rows of an unfinished run are the expected ones, and no worker died."""
     rows, expected = stand(folder), read_rows(undisturbed)
     assert 0 < len(rows) < TRIALS
     assert without_timings(rows) == without_timings([expected[row["trial"]] for row in rows])
@@ -52,7 +52,7 @@ def check_stand(folder, undisturbed):
 
 
 def check_end(folder, undisturbed, marks, kept=(), begun=()):
-    """The rows of a run that nothing disturbed; what had been kept was not begun again."""
+    """Rows equal those of an undisturbed run; stored trials did not run again."""
     assert (folder / "rows.parquet").read_bytes() == (undisturbed / "rows.parquet").read_bytes()
     assert {trial: executions(marks)[trial] for trial in kept} == {trial: begun[trial] for trial in kept}
     assert set(executions(marks)) == set(range(TRIALS))

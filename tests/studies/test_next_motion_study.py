@@ -1,4 +1,4 @@
-"""The study of the next motion: its limits are checked against the true robot, and its report bears short runs."""
+"""The study of next motions: limits are checked with the true robot; short runs have a report."""
 
 from dataclasses import replace
 from types import SimpleNamespace

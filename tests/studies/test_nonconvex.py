@@ -15,7 +15,7 @@ QUICK = Annealing(evaluations=300)
 
 @cache
 def identified():
-    """An arm of two links whose second is light, as is stated."""
+    """An arm of two links with a light second link, as stated."""
     model, theta, log = simulated()
     most = 1.1 * theta[:20].reshape(2, 10)[:, 9].sum()
     result = identify(

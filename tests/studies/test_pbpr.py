@@ -40,7 +40,7 @@ def arm():
 
 
 def test_feasible_inertia_reaches_the_optimum_of_the_cone():
-    """Noise pushes the unconstrained optimum out of the cone; convex programming says what the best inside it costs."""
+    """Noise moves the unconstrained optimum out of the cone; the least cost inside is known from convex programming."""
     model = Model(small_robot(2), (RigidBody(), ViscousFriction()))
     coefficients, motion, rng = base_coefficients(model), random_motion(2, 100, 4), np.random.default_rng(4)
     effort = model.effort(motion, random_parameters(model, rng=rng))

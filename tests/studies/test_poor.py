@@ -1,4 +1,4 @@
-"""The study `poor`: what its generator adds to rigid bodies, and a row of one trial."""
+"""The study `poor`: efforts that its generator adds to rigid bodies, and a row of one trial."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from tests.studies.reported import reported
 
 
 def noiseless(monkeypatch, arm, effects, seed):
-    """A case without noise, and what a healthy arm adds to it."""
+    """A case without noise, and a healthy arm."""
     monkeypatch.setattr(poor_arms, "NOISE", (0.0, 0.0))
     return poor_arms.make_case(arm, effects, seed), poor_arms.make_case(arm, (), seed)
 
@@ -74,7 +74,7 @@ def test_overcompensated_drives_push_in_the_direction_of_motion(monkeypatch):
 
 
 def _drawn(arm, seed):
-    """What `with_joints` was given for a case."""
+    """Arguments of `with_joints` for a case."""
     rng = blind.stream(seed, 0)
     robot = poor_arms.bare_arm(rng, arm)
     rate = int(rng.integers(50, 101))

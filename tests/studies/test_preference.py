@@ -11,7 +11,7 @@ from bayesid.studies.preference import CLEARLY, preference, true_signs
 
 
 def posed(**options):
-    """A small problem as a search is given it, its assignments, and what the data alone say of each."""
+    """A small sign problem, its assignments, and their costs without the Tikhonov term."""
     made = synthetic(**options)
     projected = made.coefficients.projection
     columns = np.vstack([rows @ projected for rows, _ in made.rows])
@@ -26,7 +26,7 @@ def posed(**options):
 
 @pytest.mark.parametrize(("seed", "scale"), [(0, 10.0), (1, 1000.0)])
 def test_what_the_best_signs_are_better_by_whatever_was_certified(seed, scale):
-    """The energy is up to 1e8 here: what is called clear stands above solver, rounding and what is left of rho."""
+    """The energy is up to 1e8 here: `CLEARLY` is above errors of solver, rounding and the remaining rho."""
     problem, assignments, costs = posed(seed=seed, segments=6, joints=2, scale=scale, noise=0.6 / scale, known=1)
     best = int(np.argmin(costs))
     for k in np.random.default_rng(seed).permutation(len(costs))[:5]:

@@ -1,4 +1,4 @@
-"""The guard on real logs: what counts as below a floor, and what the command then does."""
+"""The floors of real logs: figures below a floor, and the exit code of the command."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def row(log="arm/a", right=0.999, joints=(1.0, 0.99), sure_wrong=2, proven=True,
     }
 
 
-def test_each_figure_below_its_floor_is_said(floors):
+def test_each_figure_below_its_floor_is_listed(floors):
     other = row("arm/b", 0.95, proven=False)
     assert below([row(), other]) == []
     for worse, word in (
@@ -45,7 +45,7 @@ def test_each_figure_below_its_floor_is_said(floors):
         assert word in said
 
 
-def test_a_log_without_result_is_said(floors):
+def test_a_log_without_result_is_listed(floors):
     (said,) = below([row()])
     assert said.startswith("arm/b")
 

@@ -44,7 +44,7 @@ FIELDS = "trial seed name level window error worker_died draws sum grows absent 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """A run in this process: its folder, and what it gave."""
+    """A run in this process: its folder and result."""
     folder = tmp_path_factory.mktemp("undisturbed") / "rows"
     return folder, run_study(toy_study(), workers=0, out=folder)
 
@@ -78,7 +78,7 @@ def test_a_row_a_trial_and_a_failing_trial_is_one(undisturbed):
 
 
 def test_the_same_rows_by_other_processes(undisturbed, tmp_path):
-    """test_kill.py says the same of a cluster."""
+    """For a cluster: test_kill.py."""
     found = run_study(toy_study(tmp_path / "marks", nap=0.02), workers=2, out=tmp_path / "rows")
     assert rows_of(tmp_path / "rows") == rows_of(undisturbed[0])
     assert len({pid for pid, _ in marks_in(tmp_path / "marks")} - {os.getpid()}) == 2
@@ -191,7 +191,7 @@ def toy(monkeypatch, tmp_path):
 
 @pytest.fixture
 def refused(toy, capfd):
-    """A command that ends with code 2 and one line that says these words, and changes nothing."""
+    """A command that ends with code 2 and one line with these words, and changes nothing."""
 
     def check(*arguments, says):
         capfd.readouterr()
@@ -248,7 +248,7 @@ def test_what_a_command_leaves(toy, capfd):
 
 
 def test_ctrl_c_ends_the_command(undisturbed, tmp_path):
-    """Ctrl-C goes to all processes of the terminal; one line is said, the rows stand, and no process is left."""
+    """Ctrl-C goes to all processes of the terminal: one line is printed, rows are kept, no process remains."""
     marks, folder = tmp_path / "marks", tmp_path / "rows"
     gate(marks, GATES[0]).touch()
     with toy_client(marks, 0.3, "--out", folder, "--workers", 2) as client:

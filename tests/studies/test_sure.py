@@ -1,4 +1,4 @@
-"""A simulated log of the study `sure` whose wrong signs leave a correlated residual that hides what is right."""
+"""A log of the study `sure` whose wrong signs leave a correlated residual, which hides the right ones."""
 
 import pytest
 
