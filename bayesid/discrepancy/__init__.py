@@ -1,1 +1,1 @@
-"""What a model lacks to explain a log: compare, name, add, show."""
+"""Discrepancy of a model and a log: missing effects, and changes over several logs."""

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesid.discrepancy.case import Case
+from bayesid.discrepancy.learned_functions import learn_effects
 from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, costs, form_of, score, weighed
 from bayesid.discrepancy.tuning import TUNING
-from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.progress import SILENT, Progress, Steps
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, preexisting, was_there, weigh
 from bayesid.regression.selection.cross_validation import confirms, log_density, surely_better

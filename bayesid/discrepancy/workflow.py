@@ -306,8 +306,9 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     blunt = np.flatnonzero(~floor.sharp).tolist()
     if blunt:
         joints = ", ".join(str(j + 1) for j in blunt)
-        share = f"in its own log the model's residual was above {percent(TUNING.good_fit, 0)} in joint {joints}"
-        warnings.append(f"{share}: the noise floor there is taken from this log ({floor.origin[blunt[0]]})")
+        residual = f"the earlier model's relative residual on its own log is above {percent(TUNING.good_fit, 0)}"
+        source = f"the noise floor is taken from this log ({floor.origin[blunt[0]]})"
+        warnings.append(f"{residual} in joint {joints}: {source}")
     if stopped:
         limit = f"the search for sets of effects stopped after {TUNING.most_sets} sets"
         warnings.append(f"{limit}: others may explain the log equally well")

@@ -243,7 +243,7 @@ class Effect:
         return {}
 
     def description(self, robot: Robot, theta: Array) -> Description | None:
-        """Text for an unnamed effect with parameters theta (p,); None for named effects."""
+        """Description of a learned effect with parameters theta (p,); None for other effects."""
         return None
 
     def change(self, scene: Scene) -> tuple[Array, Array]:

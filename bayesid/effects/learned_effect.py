@@ -1,4 +1,4 @@
-"""An effect without a name, learned from a log: a sum of smooth functions of one, two or three variables."""
+"""A learned effect: a sum of smooth functions of one, two or three variables."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class LearnedEffect(Term):
 
     name = "learned_effect"
     shown_by = "moving through all values of its variables, one of them at a time"
-    phrase = Phrase("{who} needs an effect without a name.", "an effect without a name")
+    phrase = Phrase("{who} needs a learned function.", "a learned function")
     can_be_missing = False
 
     @classmethod

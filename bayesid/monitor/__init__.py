@@ -1,1 +1,1 @@
-"""What changes while the robot runs: signs, torques, contacts and changes, sample by sample."""
+"""Tracking of a running robot: signs, external torques, contacts and changes, sample by sample."""

@@ -104,7 +104,7 @@ def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     assert refused.description is not None
     learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
     message = f"{learned} was not added: {data_in_words(discrepancy)} did not confirm it"
-    return Check("Effect without a name", "look", message, f"{refused.hypothesis.source.shown_by} would show it")
+    return Check("Learned function", "look", message, f"{refused.hypothesis.source.shown_by} would show it")
 
 
 def below_zero(added: AddedEffect) -> list[str]:

@@ -131,7 +131,7 @@ def assert_same(found, stored):
     np.testing.assert_allclose(found.model.effort(motion, found.theta), effort, rtol=1e-12, atol=1e-12)
 
 
-NOT_MADE_HERE = ("rigid_body", "learned_effect")  # the latter comes back in tests/discrepancy/test_unnamed.py
+NOT_MADE_HERE = ("rigid_body", "learned_effect")  # the latter is tested in tests/discrepancy/test_learned_functions.py
 
 
 def test_a_model_of_every_effect_comes_back(tmp_path, rng):

@@ -40,14 +40,14 @@ class AddedEffect:
     #: by name; of a parameter that the earlier model has too, the new value and the change
     parameters: dict[str, Quantity] = field(default_factory=dict)
     readable: dict[str, Quantity] = field(default_factory=dict)  #: derived physical quantities, by name
-    description: Description | None = None  #: of an effect without a name: its variables, formula and families
+    description: Description | None = None  #: of a learned effect: its variables, formula and families
     size: EffortSize | None = None  #: its effort on held-back data; None until computed
     cost: Cost | None = None  #: the error on held-back data without it; None until computed
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
         log_data = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
-        return f"AddedEffect {self.effect}, {where}: {log_data}; next: .parameters, .readable, .rivals"
+        return f"AddedEffect {self.effect}, {where}: {log_data}; next: .parameters, .readable, .competing"
 
     @property
     def alone(self) -> AddedEffect:
@@ -61,12 +61,12 @@ class AddedEffect:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Variables of an effect without a name, such as q4, dq5, tau5 or t; empty for others."""
+        """Variables of a learned effect, such as q4, dq5, tau5 or t; empty for others."""
         return () if self.description is None else self.description.variables
 
     @property
     def formula(self) -> str:
-        """Formula of an effect without a name; empty for others."""
+        """Formula of a learned effect; empty for others."""
         return "" if self.description is None else self.description.formula
 
     @property
@@ -85,7 +85,7 @@ def weigh(
 ) -> AddedEffect:
     """Compares an added effect with all alternatives in the library, given the other effects.
 
-    An effect without a name takes the prior of "something else". `uncertain` are further columns of model error.
+    A learned effect takes the prior of "something else". `uncertain` are further columns of model error.
     """
     data, others = fitted_effects.data, fitted_effects.without(effect)
     limits, without = data.thresholds, explain(data, others, fitted_effects, uncertain)
@@ -98,8 +98,8 @@ def weigh(
     scores = [replace(score, gain=gain) if score.key == effect.key else score for score in scores]
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
     nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
-    unnamed = [] if effect.source.can_be_missing else [gain + np.log(limits.something_else)]
-    total = float(logsumexp([*logs, *unnamed, nothing, np.log(limits.something_else)]))
+    learned = [] if effect.source.can_be_missing else [gain + np.log(limits.something_else)]
+    total = float(logsumexp([*logs, *learned, nothing, np.log(limits.something_else)]))
     level = scored if scored > 0.0 else gain  # alternatives are in the library's forms too
     alike = {s.key: s for s in scores if s.gain > level - limits.equivalent * LN10}
     rows = {key for key, score in alike.items() if score.hypothesis.source.of_table}
@@ -109,7 +109,7 @@ def weigh(
         value
         for value, score in zip(logs, scores, strict=True)
         if score.key in {effect.key, *elsewhere} or score.hypothesis.effect in equivalent
-    ] + unnamed
+    ] + learned
     return AddedEffect(
         hypothesis=effect,
         gain=gain,

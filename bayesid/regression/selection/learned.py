@@ -1,4 +1,4 @@
-"""Effects without a name: functions of some variables that explain a joint's residual, chosen by evidence.
+"""Learned effects: functions of some variables that explain a joint's residual, chosen by evidence.
 
 A candidate is a product of functions of one, two or three variables (`effects.axes`), with normal amplitudes about
 zero. All pairs of variables are screened as smooth functions. For the best ones every family of functions is tried,

@@ -1,4 +1,4 @@
-"""Effects without a name: which function is found."""
+"""Learned effects: which function is found."""
 
 from dataclasses import replace
 
