@@ -223,7 +223,11 @@ def _additional(summary: Summary) -> list[str]:
 
 
 def _table_of(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[RenderableType]:
-    return [table(headings, rows, left=["additional effect", "size and sd"], widest=_WIDEST)] if rows else []
+    """A table without empty columns; nothing without rows."""
+    filled = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+    cells = [[row[k] for k in filled] for row in rows]
+    left = ["additional effect", "size and sd"]
+    return [table([headings[k] for k in filled], cells, left=left, widest=_WIDEST)] if rows else []
 
 
 def _payloads(summary: Summary) -> list[str]:

@@ -88,7 +88,7 @@ def gains(summary: Summary) -> list[Check]:
     elif unknown_scale:
         known += " by the prior only"
     elif of_log.factor is not None:
-        known += f": {rounded(of_log.factor)} times that of the gains stated"
+        known = f"the gains are {rounded(of_log.factor)} times those stated, {known}"
     parts.append(known)
     if of_log.like_friction:
         whose = joints_in_words(of_log.like_friction)
@@ -135,11 +135,12 @@ def whiteness(findings: ReportData) -> Check:
     noise, count = findings.summary.noise, len(findings.coefficients.mean)
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
     joint, effective = int(lasting.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
+    limits = float(IDENTIFICATION.samples_per_coefficient * count), float(count)
     message = (
         f"up to {percent(lasting.max(), 0)} of the residual variance is correlated in time (joint {joint + 1}): "
-        f"{effective:,.0f} effective samples for {count} coefficients; the intervals account for it"
+        f"{effective:,.0f} effective samples for {count} coefficients (good: from {limits[0]:,.0f}); "
+        "the intervals account for it"
     )
-    limits = float(IDENTIFICATION.samples_per_coefficient * count), float(count)
     remedy = "the log is too short for reliable intervals: record a longer one, or join several"
     return graded("Whiteness of the residual", effective, limits, message, remedy)
 

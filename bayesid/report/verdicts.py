@@ -134,8 +134,9 @@ def proof(summary: Summary) -> Check:
             return Check(name, "good", message)
         agreed = search.persistent_share or 0.0
         odds = np.exp(0.5 * within)
-        flip = f"{counted(others, 'alternative')} at most {odds:.0f} times less likely flip{'s' * (others == 1)}"
-        message = f"proven: no assignment costs less, but {flip} {percent(1.0 - agreed, 1)} of the samples"
+        likely = f"{counted(others, 'alternative')} of the strong segments at most {odds:.0f} times less likely"
+        undetermined = f"{percent(1.0 - agreed, 1)} of the samples have no determined sign ({likely})"
+        message = f"proven: no assignment costs less, but {undetermined}"
         return graded(name, agreed, (TUNING.mostly_sure, 0.0), message, ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"

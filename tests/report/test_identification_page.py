@@ -116,7 +116,7 @@ def test_the_numbers_of_the_tables_are_those_found(pages):
     seen = findings.prediction
     for j, row in enumerate(page.table("new ")[1:]):
         assert row[1:4] == [[seen.rms_error[j]], [seen.relative_residual[j]], [seen.coverage[j]]]
-    others = page.table("The cheapest of 2")[1:]
+    others = page.table("2 alternatives")[1:]
     assert [row[1:3] for row in others] == [[[2.75], [0.27]], [[6.5], [0.02]]]
 
 

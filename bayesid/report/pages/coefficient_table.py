@@ -45,8 +45,11 @@ def coefficient_parts(findings: ReportData) -> list[Markup]:
     notes = [by_prior] if names else []
     if on_edge := findings.summary.fit.links_on_edge:
         links = f"link{'s' * (len(on_edge) > 1)} {listed([str(link) for link in on_edge])}"
-        note = f"Do not use individual parameters of {links}: the fit is at the edge of physical feasibility."
-        notes.append(html.paragraph(f"{note} Coefficients and predicted efforts are not affected.", note=True))
+        note = (
+            f"Do not use individual parameters of {links}: the edge of physical feasibility decides them. Coefficients "
+            "and predicted efforts are not affected."
+        )
+        notes.append(html.paragraph(note, note=True))
     return [html.table(_caption(nominal, bool(fixed)), headings, rows), *notes]
 
 

@@ -203,7 +203,10 @@ def _where(discrepancy: Discrepancy) -> list[Markup]:
         below = f"Joint {excess.joint}: measured minus modelled effort over {excess.variable}."
         alt = f"{below} Earlier model and extended model."
         drawn.append(html.picture(residual_figure(discrepancy, excess.joint), f"residual{excess.joint}", below, alt))
-    caption = "Joints in which the earlier model exceeds the noise floor (RMS), and the variable that shows it most."
+    caption = (
+        "Joints in which the earlier model exceeds the noise floor on the whole log (RMS), and the variable over which "
+        "the residual varies most. Load: the effort of the model."
+    )
     note = "Points: samples, thinned. Lines: means with twice their standard error. Grey: noise floor."
     table = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
     return [table, html.figures(drawn), html.paragraph(note, note=True)]

@@ -31,7 +31,7 @@ from bayesid.report.plot.identification import (
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.report_data import Alternatives, ReportData, SegmentTable, report_data
-from bayesid.report.summary import PosteriorSummary, shown_rows
+from bayesid.report.summary import PosteriorSummary, Summary, shown_rows
 from bayesid.report.tables import (
     CONSTRAINT_HEADINGS,
     EFFECT_HEADINGS,
@@ -43,7 +43,7 @@ from bayesid.report.tables import (
 )
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, sure_share
-from bayesid.report.words import joints_in_words, label, upper
+from bayesid.report.words import counted, joints_in_words, label, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -115,16 +115,25 @@ def _about(findings: ReportData) -> list[tuple[str, str]]:
         ("Robot", summary.robot),
         ("Log", f"{summary.log}, {summary.n_samples} rows, {findings.samples.t[-1]:.4g} s"),
         *[("Payload", f"{part.payload}, carried in {part.source}") for part in summary.logs if part.payload],
-        ("Model", ", ".join(map(label, [*summary.terms, *summary.distortions]))),
+        ("Model", "; ".join(_model(summary))),
         ("Run", f"{summary.provenance.date[:16].replace('T', ' ')} UTC"),
     ]
+
+
+def _model(summary: Summary) -> list[str]:
+    """The requested effects, and the added ones with their joints."""
+    added = () if summary.complete is None else summary.complete.effects
+    forms = {effect.form for effect in added}
+    requested = [label(name) for name in (*summary.terms, *summary.distortions) if name not in forms]
+    return [*requested, *(label(effect.form, effect.joints) for effect in added)]
 
 
 def _torques(findings: ReportData) -> list[Markup]:
     every = findings.samples.every
     bands = (
         "Blue bands: segments with sign plus; orange: minus; paler bands are less certain. Hatched bands and question "
-        "marks: ambiguous. Drag over a figure to zoom into a range, double-click to see all."
+        "marks: ambiguous. The number above a band is its confidence. Drag over a figure to zoom into a range, "
+        "double-click to see all."
     )
     signs = f", with the signs found, and of the model. {bands}"
     curves = signs if findings.summary.hidden_joints else ", and of the model. Blue bands: plus; orange: minus."
@@ -154,7 +163,7 @@ def _doubts(findings: ReportData) -> list[Markup]:
             str(segments.joint[k] + 1),
             _link(segments, k, f"{segments.start[k]:.2f} to {segments.end[k]:.2f} s"),
             "+" if segments.sign[k] > 0 else Markup("&minus;"),
-            html.data(segments.confidence[k], f"{segments.confidence[k]:.2f}"),
+            html.data(segments.confidence[k], f"{np.floor(100.0 * segments.confidence[k]) / 100.0:.2f}"),
             html.share(size[k]),
         )
         for k in largest
@@ -221,8 +230,11 @@ def _posterior(findings: ReportData) -> list[Markup]:
     if len(findings.coefficients.mean) < 2:
         del drawn[1]
     pictures = [html.picture(figure(findings, count), name, caption) for figure, name, count, caption in drawn]
+    kept = findings.draws.shape[0] * findings.draws.shape[1]
+    thinned = "" if kept == posterior.draws else f" ({kept} are shown)"
     note = (
-        f"{posterior.draws} draws by {posterior.ensembles} independent ensembles of {posterior.walkers} walkers; "
+        f"{posterior.draws} draws{thinned} by {posterior.ensembles} independent ensembles of {posterior.walkers} "
+        "walkers; "
         f"{convergence(posterior.max_rhat, posterior.min_ess)} over all coefficients and noise scales"
         f"{_limits(posterior)}. Shown: the least determined coefficients, each minus its mean and divided by the "
         "prior's standard deviation."
@@ -257,14 +269,19 @@ def _proof(findings: ReportData) -> list[Markup]:
         return []
     caption = (
         "Search for the signs, and what is proven. An assignment is one choice of all signs; its cost is the squared "
-        "residual in units of the noise."
+        "residual in units of the noise. A cost of 13.8 more means 1000 times less likely."
     )
     parts = [html.table(caption, ["What", "Value"], shown_rows(search))]
-    if search.lower_bound is not None:
+    if search.lower_bound is not None and (count > 1 or not search.certified):
         caption = "Costs of the assignments that the proof does not exclude."
         parts.append(html.figures([html.picture(alternatives_figure(findings), "alternatives", caption)]))
     if search.certified and count > 1:  # else the list is incomplete
-        caption = f"The cheapest of {count - 1} alternatives that remain, and where they differ from the best."
+        shown = min(count - 1, TUNING.assignments)
+        cheapest = "" if shown == count - 1 else f" (the {shown} cheapest are listed)"
+        caption = (
+            f"{counted(count - 1, 'alternative')} that the proof does not exclude{cheapest}, and the strong segments "
+            "in which they differ from the best assignment."
+        )
         headings = ["Number", "Cost above the best", "Probability", "Flipped segments", "At"]
         parts.append(html.table(caption, headings, _others(findings)))
     elif search.certified:
@@ -292,7 +309,10 @@ def _validation(findings: ReportData) -> list[Markup]:
     if prediction is None:
         return [html.paragraph(f"The model is not validated on another log. Run {commands.validate(findings)}.")]
     seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
-    caption = f"{prediction.source}: errors against measured efforts. The band of 95 % accounts for {prediction.band}."
+    caption = (
+        f"{prediction.source}: errors of the predicted efforts. Efforts logged without sign get the likelier one under "
+        f"the model. The 95 % band accounts for {prediction.band}."
+    )
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
     rows = [
         (str(joint), html.number(error, findings.effort_unit[joint - 1]), html.share(share), html.share(covered))
