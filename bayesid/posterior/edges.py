@@ -20,7 +20,7 @@ def active_bounds(prior: TruncatedGaussian, theta: Array) -> tuple[tuple[str, fl
         share = float(np.mean(window.share(theta) > TUNING.near_edge))
         if share <= TUNING.active_bounds:
             continue
-        if prior.stated is None or _share_at_edge(window.slack(theta).reshape(1, -1)) > TUNING.presses:
+        if prior.stated is None or _share_at_edge(window.slack(theta).reshape(1, -1)) > TUNING.active_constraint:
             active_bounds.append((window.name, share))
     return tuple(active_bounds)
 

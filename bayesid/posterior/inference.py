@@ -118,7 +118,7 @@ class Posterior:
     @property
     def active_constraints(self) -> dict[str, float]:
         """Active constraints: their labels, and the share of draws at the edge."""
-        return {label: share for label, share in self.at_edges.items() if share > TUNING.presses}
+        return {label: share for label, share in self.at_edges.items() if share > TUNING.active_constraint}
 
     @property
     def max_rhat(self) -> float:

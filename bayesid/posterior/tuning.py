@@ -105,7 +105,7 @@ class Tuning:
     at_edge: float = 0.1
     """Distance from a constraint's edge, in sd of its slack, of a draw at the edge. The share of draws over it is the
     density at the edge, in units of 1 / sd."""
-    presses: float = 0.02
+    active_constraint: float = 0.02
     """Share of draws at the edge above which a constraint is active. A normal distribution cut one sd from its mean,
     which removes a sixth of its mass, has 0.024."""
 

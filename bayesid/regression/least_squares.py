@@ -249,7 +249,7 @@ def covariance_of(information: Array, plane: Plane | None = None) -> tuple[Array
         blind = np.isinf(np.diag(inner))
         inner[blind, blind] = 0.0
         covariance = plane.basis @ inner @ plane.basis.T
-        unexcited = (np.abs(plane.basis[:, blind]) > TUNING.involved).any(axis=1)
+        unexcited = (np.abs(plane.basis[:, blind]) > TUNING.not_excited).any(axis=1)
         covariance[unexcited, unexcited] = np.inf
         return covariance, condition
     lengths = np.sqrt(np.diag(information))
@@ -259,7 +259,7 @@ def covariance_of(information: Array, plane: Plane | None = None) -> tuple[Array
     blind = values < _SILENT * values.max()
     inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
     covariance = scale[:, None] * inverse * scale
-    unexcited = silent | (np.abs(vectors[:, blind]) > TUNING.involved).any(axis=1)
+    unexcited = silent | (np.abs(vectors[:, blind]) > TUNING.not_excited).any(axis=1)
     covariance[unexcited, unexcited] = np.inf
     condition = np.inf if unexcited.any() else float(np.sqrt(values[-1] / values[0]))
     return covariance, condition

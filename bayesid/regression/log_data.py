@@ -201,7 +201,7 @@ def make_nuisance(
     gram = projected.T @ products @ projected
     values, vectors = np.linalg.eigh(gram)
     spread = np.sqrt(np.maximum(values, 0.0))
-    seen = (spread > 1e-6 * spread.max(initial=0.0)) & (spread > TUNING.faint)  # 1e-6: rounding
+    seen = (spread > 1e-6 * spread.max(initial=0.0)) & (spread > TUNING.negligible_spread)  # 1e-6: rounding
     if not seen.any():
         return None
     stretched = projected @ (vectors[:, seen] / spread[seen])

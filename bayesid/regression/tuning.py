@@ -37,7 +37,7 @@ class Tuning:
     """Relative residual of a joint above which its fit is called poor."""
     most_corrected: int = 30_000
     """Largest number of samples for which the noise is corrected for the fit's degrees of freedom; limits the time."""
-    involved: float = 1e-3
+    not_excited: float = 1e-3
     """Component of a coefficient in directions without information above which it counts as not excited."""
     near_edge: float = 10.0
     """A pseudo-inertia is on the edge if its smallest eigenvalue is below this many solver margins."""
@@ -110,7 +110,7 @@ class Tuning:
     """Least and largest mass of all bodies over the scale of a link's mass; real arms are far from both."""
 
     # unmodelled effects that are marginalised
-    faint: float = 1e-3
+    negligible_spread: float = 1e-3
     """D (:eq:`nuisance-root`) below which a direction is dropped: its variance grows by a factor of 1 + D^2 only."""
     long_log: int = 20_000
     """Number of samples from which directions are stored in single precision."""
@@ -173,11 +173,11 @@ class Tuning:
     """Sets that are scored in one product; limits the memory."""
     number_evaluations: int = 12
     """Evaluations of the search for a nonlinear number: golden sections narrow its bracket to 1 % or better."""
-    noticed: float = 0.01
+    number_gain: float = 0.01
     """Gain, nats, below which a nonlinear number keeps its value: the resolution of the search."""
     relinearisations: int = 3
     """Linearisations of distortions about their own numbers: Newton's method, with quadratic convergence."""
-    still: float = 1e-4
+    unchanged: float = 1e-4
     """Change of an amplitude, in prior sd, below which it counts as unchanged."""
 
     # forward selection
@@ -225,7 +225,7 @@ class Tuning:
     """h in :eq:`relevance`, a prior count of observations of zero; one half is Jeffreys's prior of a variance."""
     own_share: float = 1e-2
     """Least share of a direction's squared length outside the span of the model's columns."""
-    gone: float = 1e-3
+    dropped_scale: float = 1e-3
     """Value of s below which a group is dropped."""
     moved_coefficient: float = 2.0
     """Shift of a coefficient by an effect that is reported, in standard deviations: half of a 95 % interval."""

@@ -88,7 +88,7 @@ def average_over_models(
 def richer_model(sign_solution: SignSolution) -> Model | None:
     """The model with all standard effects, if it lacks some and its residual is correlated; else None."""
     residual, signals = sign_solution.fit.residual, sign_solution.log_data.signals
-    if signals.signed.all() or np.all(residual.coloured < TUNING.lasting * residual.white):
+    if signals.signed.all() or np.all(residual.coloured < TUNING.coloured_ratio * residual.white):
         return None
     return with_standard_terms(sign_solution.model, signals)
 

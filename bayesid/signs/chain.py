@@ -89,8 +89,8 @@ class Chain:
             mean[:, part.rows] = share / total
             if part.window != self.whole:
                 end = both[:, : TUNING.window_end].sum(axis=1) + both[:, -TUNING.window_end :].sum(axis=1)
-                at_end, left_out = np.any(end > TUNING.leaning * total, axis=0), forwards.left_out(part)
-                leans[part.rows] = at_end | (left_out > TUNING.leaning)
+                at_end, left_out = np.any(end > TUNING.outside_share * total, axis=0), forwards.left_out(part)
+                leans[part.rows] = at_end | (left_out > TUNING.outside_share)
         return mean.reshape(length, pieces, chains), np.any(leans.reshape(pieces, chains), axis=1)
 
 

@@ -247,7 +247,7 @@ class InTurn:
         while len(going):
             gain = diagonal - flipped[going] * pull[going]
             best = np.argmax(gain, axis=1)
-            improves = gain[np.arange(len(going)), best] > TUNING.least_turn
+            improves = gain[np.arange(len(going)), best] > TUNING.least_flip_gain
             going, best = going[improves], best[improves]
             flipped[going, best] *= -1.0
             pull[going] += 2.0 * flipped[going, best][:, None] * quadratic[best]

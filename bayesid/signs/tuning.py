@@ -153,7 +153,7 @@ class Tuning:
     """Half-width of the grid's middle, in standard deviations of b in motion; b is outside with probability 1e-15."""
     middle_margin: int = 2
     """Margin of the middle, in spacings of the grid."""
-    leaning: float = 1e-6
+    outside_share: float = 1e-6
     """Share of a distribution at or beyond the ends of the middle above which the whole grid is used."""
     window_end: int = 2
     """Values at either end of the middle that count as its end."""
@@ -202,7 +202,7 @@ class Tuning:
     """Fits after a low-pass was found, each with the signs of the fit before."""
 
     # Other models, and lower confidence if none fits
-    lasting: float = 0.5
+    coloured_ratio: float = 0.5
     """Ratio of a residual's coloured to its white noise above which another model is tried."""
     largest_weight: float = 0.95
     """Largest weight of a model; the other model has at least 0.05, as neither is exact."""
@@ -240,7 +240,7 @@ class Tuning:
     sign_starts: int = 64
     """Random signs from which segments are flipped one by one. With ten segments they reach the global optimum
     (tests/signs/test_proposals.py)."""
-    least_turn: float = 1e-9
+    least_flip_gain: float = 1e-9
     """Nats by which a flip must lower the cost; above rounding errors."""
     proposal_rounds: int = 40
     """Largest number of alternations of coefficients and signs; a fit of 60 coefficients needs about ten."""

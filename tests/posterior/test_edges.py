@@ -41,7 +41,7 @@ def test_the_share_at_an_edge_is_that_of_a_cut_normal_whatever_the_unit():
         law = truncnorm(at, np.inf)
         exact = law.cdf(at + TUNING.at_edge * law.std())
         assert found["cut"] == pytest.approx(exact, abs=4.0 * np.sqrt(exact / COUNT))
-        assert (found["cut"] > TUNING.presses) == (at >= -1.0)
+        assert (found["cut"] > TUNING.active_constraint) == (at >= -1.0)
         assert found["far"] == 0.0
 
 
@@ -71,4 +71,4 @@ def test_a_window_behind_a_constraint_is_not_active():
         assert [name for name, _ in active_bounds(prior, draws)] == blamed
     nearer = SimpleNamespace(windows=(window,), stated=stated)
     assert active_bounds(nearer, draws + np.array([0.5, 0.0])), "its own edge presses too"
-    assert at_edges(stated, draws)["m1 <= 9.5"] > TUNING.presses
+    assert at_edges(stated, draws)["m1 <= 9.5"] > TUNING.active_constraint

@@ -150,7 +150,7 @@ def _moves(fitted_effects: FittedEffects) -> bool:
     distortions = [(effect, amplitude) for effect, amplitude in fitted_effects.parts if not effect.source.linear]
     if any(isinstance(effect.source, Distortion) and effect.source.of_effort for effect, _ in distortions):
         return True
-    return any(np.any(np.abs(amplitude) > TUNING.still * effect.columns.sd) for effect, amplitude in distortions)
+    return any(np.any(np.abs(amplitude) > TUNING.unchanged * effect.columns.sd) for effect, amplitude in distortions)
 
 
 def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:

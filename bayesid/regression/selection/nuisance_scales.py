@@ -180,7 +180,7 @@ def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, lea
         mean, covariance = _amplitudes(reduced, slope, scales[owner])
         decided = np.bincount(owner, 1.0 - np.diag(covariance), len(scales))
         likelier = np.sqrt(np.bincount(owner, mean**2, len(scales)) / (decided + TUNING.absent))
-        scales = np.where(learned, np.where(likelier < TUNING.gone, 0.0, likelier), scales)
+        scales = np.where(learned, np.where(likelier < TUNING.dropped_scale, 0.0, likelier), scales)
     return scales
 
 

@@ -124,7 +124,7 @@ def _fitted(
     best = scipy.optimize.minimize_scalar(
         cost, bounds=bounds, method="bounded", options={"maxiter": TUNING.number_evaluations}
     )
-    return effect.remade(number, float(best.x)) if best.fun < cost(now) - TUNING.noticed else effect
+    return effect.remade(number, float(best.x)) if best.fun < cost(now) - TUNING.number_gain else effect
 
 
 def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] | None:
