@@ -212,7 +212,7 @@ def _constraints(findings: ReportData) -> list[Markup]:
         "Stated constraints. Cost: increase of the log-likelihood without the constraint, in nats; above "
         f"{IDENTIFICATION.contradicted_constraint:.1f} nats (odds of 1000 to 1) the log contradicts it. A draw is at "
         "the edge within a tenth of the standard deviation of its distance. Limits the draws: above "
-        f"{percent(POSTERIOR.presses, 0)} of the draws are there."
+        f"{percent(POSTERIOR.active_constraint, 0)} of the draws are there."
     )
     return [html.table(caption, list(map(upper, CONSTRAINT_HEADINGS)), rows)] if rows else []
 
