@@ -230,7 +230,7 @@ def study_page(name: str, trials: int, report: str) -> str:
     figure = f"![{name}]({name}.svg)\n\n" if (STUDY_PAGES / f"{name}.svg").exists() else ""
     return (
         f"# {name}\n\n<!-- table: report of {name} -->\nStudy `{name}`: {STUDIES[name]} Report of {trials} trials of "
-        f"`bayesid study {name}`. Answer and definitions: [studies](../studies.md#{name}).\n\n"
+        f"`bayesid study {name}`. Answer: [studies](../studies.md#{name}).\n\n"
         f"{figure}```text\n{report}```\n<!-- end of table -->\n"
     )
 
