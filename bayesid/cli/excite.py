@@ -148,7 +148,7 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load(options.result)
-            recorded = _recorded_motion(options.result)
+            log, recorded = _recorded_motion(options.result)
             robot = _robot_with_shapes(options, identified)
             clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
         settings = MotionSettings(
@@ -176,18 +176,21 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
         )
         with progress.stage("write"):
             save_next_motion(design, folder)
-    again = shlex.join(["bayesid", "discrepancy", str(options.result), "RECORDED.csv"])
-    return next_motion_text(design), f"written to {folder}/; next, with its recording: {again}"
+    again = ["bayesid", "discrepancy", str(options.result), "RECORDED.csv"]
+    if design.predicted.log10_bayes_factors == {}:
+        again = [*_IDENTIFY, *log, "RECORDED.csv", "--config", f"{options.result}/bayesid.toml", "--out", "better"]
+    return next_motion_text(design), f"written to {folder}/; next, with its recording: {shlex.join(again)}"
 
 
-def _recorded_motion(folder: Path) -> Motion | None:
-    """The motion of a result's log; None if the folder does not hold it."""
+def _recorded_motion(folder: Path) -> tuple[list[str], Motion | None]:
+    """The files of a result's log, and its motion; none if the folder does not hold it."""
     if not (folder / "findings.npz").exists():
         warn(f"{folder} holds no findings.npz: the motion of its log is unknown")
-        return None
-    samples = read_report_data(folder).samples
+        return ["LOG.csv"], None
+    data = read_report_data(folder)
+    samples, parts = data.samples, [part.source for part in data.summary.logs] or [data.summary.log]
     ddq = np.gradient(samples.velocity, samples.t, axis=0)
-    return Motion(samples.t, samples.position, samples.velocity, ddq)
+    return parts, Motion(samples.t, samples.position, samples.velocity, ddq)
 
 
 def _hypotheses(folder: Path) -> Hypotheses:

@@ -113,9 +113,7 @@ def _replay(options: argparse.Namespace) -> None:
         with progress.stage("write"):
             save_replay(folder, result, streamed, options.plot)
     seen, last = offline is not None and offline.seen, float(log.t[-1])
-    conclusion = stream_conclusion(
-        result.alarms, str(options.result), str(options.log), last, (result.named or {}).keys()
-    )
+    conclusion = stream_conclusion(result.alarms, str(options.result), last, (result.named or {}).keys())
     lines = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
     finish(
         options,
@@ -183,7 +181,7 @@ def _follow(options: argparse.Namespace) -> None:
         raise BrokenPipeError from None
     if not options.quiet:
         note(count_line(tracker.counts, figures, tracker.lag, reader.bad))
-        note(stream_conclusion(tracker.alarms, str(options.result), str(options.log), 0.0).sentence)
+        note(stream_conclusion(tracker.alarms, str(options.result), 0.0).sentence)
 
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:

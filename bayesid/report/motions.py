@@ -133,7 +133,7 @@ def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequenc
     used = [np.abs(values).max(axis=0) for values in (speed, acceleration)]
     return [
         [
-            *(str(j + 1), f"{start[j]:.3f}", f"{low[j]:.2f}", f"{high[j]:.2f}"),
+            *(str(j + 1), f"{start[j]:z.3f}", f"{low[j]:.2f}", f"{high[j]:.2f}"),
             *(percent(share[j], 0) for share in used),
             more,
         ]
@@ -181,8 +181,11 @@ def assessment_text(assessment: ExcitationAssessment) -> str:
 def assessment_conclusion(assessment: ExcitationAssessment, design: str) -> Conclusion:
     """Whether the motion suffices; if not, the command that designs another."""
     state: State = assessment.state
+    count, few = len(assessment.coefficients), len(assessment.undecided)
+    most = percent(EXCITATION.most_undetermined, 0)
+    undetermined = f"; {few} of {count} coefficients are not determined (good: at most {most})" if few else ""
     sentences: dict[State, str] = {
-        "good": "The motion excites all that a motion can",
+        "good": f"The motion determines the signs and most coefficients{undetermined}",
         "look": "Some coefficients or signs are not determined",
         "bad": "A joint or its signs cannot be identified from this motion",
     }
@@ -331,8 +334,8 @@ def next_motion_text(design: NextExperiment) -> str:
         *([] if design.correct is None else [f"programs: positions {_COUNT} ({design.correct}); {_MODEL_COUNT}"]),
         "positions in rad (m for sliding joints); others as shares of their limits, efforts with their band",
         *_clearance(design),
-        f"checked: {'; '.join(design.checked)}",
         *(f"NOT checked: {sentence}" for sentence in design.unchecked),
+        f"checked: {'; '.join(design.checked)}",
     ]
     return "\n".join(lines)
 
@@ -343,6 +346,8 @@ def _of_goal(design: NextExperiment, names: Sequence[str]) -> Iterator[str]:
         f"coefficients not known to {percent(KNOWN, 0)}: {after.open_now} now, {after.open} after this motion "
         f"({after.open_lacking} if the model error stays as large), {random.open} after a random motion"
     )
+    if 2 * (after.open_now - after.open_lacking) < after.open_now - after.open:
+        yield "less than half of this remains if the model error stays: complete the model first (bayesid discrepancy)"
     chosen = [k for k, name in enumerate(after.names) if name in names]
     if not chosen:
         yield f"goal: {len(names)} combinations of coefficients; coefficients that improve most:"

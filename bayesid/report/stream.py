@@ -172,7 +172,7 @@ def track_lines(
 
 def _agreed(signs: Agreement, other: str) -> str:
     certain = f"{_percent(signs.sure_share)} are at least 99 % certain, of these {_percent(signs.share_of_sure)} agree"
-    return f"{_percent(signs.share)} of the samples in motion agree with {other}; {certain}"
+    return f"{_percent(signs.share)} of the samples in motion have the sign of {other}; {certain}"
 
 
 def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0) -> str:
@@ -203,15 +203,12 @@ def alarm_line(alarm: Alarm) -> str:
     return f"{text}{duration}{f', detected {later:.1f} s later' if later >= TUNING.soon else ''}"
 
 
-def stream_conclusion(
-    alarms: Sequence[Alarm], result: str, log: str, last: float, named: Set[int] = frozenset()
-) -> Conclusion:
+def stream_conclusion(alarms: Sequence[Alarm], result: str, last: float, named: Set[int] = frozenset()) -> Conclusion:
     """Good without an alarm; else the alarms, and a remedy for each unexplained one.
 
     Args:
         alarms: of the stream.
         result: folder of the model.
-        log: path of the tracked log.
         last: its last time, s.
         named: indices of the explained alarms.
     """
@@ -219,14 +216,14 @@ def stream_conclusion(
         return Conclusion("good", sentence("good", "No contact and no change detected"))
     kinds = Counter(_kind(alarm) for alarm in alarms)
     seen = listed([f"{count} times {kind}" if count > 1 else kind for kind, count in kinds.items()])
-    command = shlex.join(["bayesid", "discrepancy", result, log])
+    command = shlex.join(["bayesid", "discrepancy", result, "ROWS.csv"])
     actions = []
     for k, alarm in enumerate(alarms):
         remedy = "check what touched the robot"
         if alarm.kind != CONTACT:
             remedy = (
-                f"track with --explain; or save the rows from {alarm.time:.2f} to {last:.2f} s as a log and run "
-                f"`{command}`"
+                f"track with --explain; or save the rows from {alarm.time:.2f} to {last:.2f} s as ROWS.csv and "
+                f"run `{command}`"
             )
         if k not in named:
             actions.append(Check(upper(_kind(alarm)), "look", f"at {alarm.time:.2f} s", remedy))

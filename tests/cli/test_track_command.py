@@ -136,7 +136,7 @@ def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, monkeypatch, capfd):
     keys = {"time", "joint", "kind", "joints", "raised", "duration", "amount", "unit", "explained"}
     assert all(set(one) == keys for one in alarms)
     assert "Verdict: look." in out
-    assert "`bayesid discrepancy result taken.csv`" in out
+    assert "`bayesid discrepancy result ROWS.csv`" in out
     assert f"{changes[0]['time']:.2f} s: {changes[0]['kind']}" in out
 
     def refuse(model, log, posterior):

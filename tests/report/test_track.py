@@ -32,15 +32,15 @@ def test_an_alarm_is_a_line_with_its_time_kind_joints_and_size():
 
 
 def test_a_stream_is_good_without_alarms_and_otherwise_has_a_remedy_for_each():
-    assert stream_conclusion((), "result", "log.csv", 9.0).state == "good"
+    assert stream_conclusion((), "result", 9.0).state == "good"
     alarms = PAYLOAD, CONTACT, replace(CONTACT, time=2.0)
-    found = stream_conclusion(alarms, "result", "my log.csv", 9.0)
+    found = stream_conclusion(alarms, "my result", 9.0)
     assert (found.state, len(found.actions)) == ("look", 2), "contacts have one remedy"
     assert all(text in found.sentence for text in ("3 alarms", "payload", "2 times contact"))
     assert all(
-        text in found.actions[0].remedy for text in ("`bayesid discrepancy result 'my log.csv'`", "2.31 to 9.00 s")
+        text in found.actions[0].remedy for text in ("`bayesid discrepancy 'my result' ROWS.csv`", "2.31 to 9.00 s")
     )
-    assert len(stream_conclusion(alarms, "result", "my log.csv", 9.0, named={0}).actions) == 1
+    assert len(stream_conclusion(alarms, "my result", 9.0, named={0}).actions) == 1
 
 
 def test_signs_of_samples_that_count_are_compared():

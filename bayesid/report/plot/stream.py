@@ -25,9 +25,11 @@ def stream_figure(streamed: Replay) -> MatplotlibFigure:
 
     Contacts are blue; an orange line marks a change.
     """
-    n = streamed.effort.shape[1]
+    n, start = streamed.effort.shape[1], float(streamed.t[0]) if len(streamed.t) else 0.0
+    moved = (replace(alarm, time=alarm.time - start, raised=alarm.raised - start) for alarm in streamed.alarms)
+    streamed = replace(streamed, t=streamed.t - start, alarms=tuple(moved))
     panels = [_with_alarms(panel(streamed, j), streamed, j + 1) for j in range(n) for panel in (_efforts, _external)]
-    panels[-1] = replace(panels[-1], x_name="time, s")
+    panels[-1] = replace(panels[-1], x_name="time since the first sample, s")
     axes = draw(fig.Figure(fig.rows_of(panels, 1), 3.1 * n + 0.6, fig.WIDE, key=True, heights=(1.9, 1.2) * n))
     figure: Any = axes[0].figure
     figure.align_ylabels(axes)
