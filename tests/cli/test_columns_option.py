@@ -1,6 +1,7 @@
 """`--columns`: what the log calls its columns, the same for every command that reads one."""
 
 import csv
+import shlex
 
 import numpy as np
 import pytest
@@ -34,14 +35,28 @@ def place(recorded, tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_strangers_log_is_read_by_the_columns_named(place, recorded, monkeypatch):
-    seen = []
+@pytest.fixture
+def seen(monkeypatch):
+    """The logs that `identify` is called with; it goes no further."""
+    logs = []
 
     def spy(robot, log, **options):
-        seen.append(log)
+        logs.append(log)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("bayesid.cli.identify.identify", spy)
+    return logs
+
+
+def test_the_next_command_of_excite_reads_the_log_as_excite_did(place, recorded, seen, capfd):
+    reading = ("--gains", GAINS, "--unsigned", "none", "--columns", COLUMNS)
+    assert run("excite", "--robot", "kr5", "--log", "messung.csv", *reading) == 0
+    command = capfd.readouterr().out.partition("next: bayesid ")[2]
+    assert run(*shlex.split(command)) == 130
+    np.testing.assert_allclose(seen[0].effort, recorded.effort, rtol=1e-12)
+
+
+def test_a_strangers_log_is_read_by_the_columns_named(place, recorded, seen):
     arguments = ("identify", "messung.csv", "--robot", "kr5", "--gains", GAINS, "--unsigned", "none")
     assert run(*arguments, "--columns", COLUMNS) == 130
     np.testing.assert_allclose(seen[0].t, recorded.t, atol=1e-12)
