@@ -103,7 +103,11 @@ def excite_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         judged = _judge(robot, options, progress)
     conclusion = assessment_conclusion(judged, shlex.join(["bayesid", "excite", *given]))
-    last = "" if conclusion.state == "bad" else f"next: {shlex.join([*_IDENTIFY, str(options.log), *given, *given_reading(options)])}"
+    last = (
+        ""
+        if conclusion.state == "bad"
+        else f"next: {shlex.join([*_IDENTIFY, str(options.log), *given, *given_reading(options)])}"
+    )
     finish(options, assessment_text(judged), conclusion=conclusion, last=last)
 
 

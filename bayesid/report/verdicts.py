@@ -63,7 +63,8 @@ def robot_file(summary: Summary) -> Check:
     if times >= TUNING.another_robot:
         message = f"the residual suggests geometry errors {times:.0f} times the stated tolerance"
         return Check("Robot file", "bad", message, "check that the file is of this robot, and its lengths")
-    return Check("Robot file", "good", "robot, joint order and units look consistent")
+    detected = f"a common factor of all efforts is detected above {np.exp(IDENTIFICATION.another_size):.0f}"
+    return Check("Robot file", "good", f"robot, joint order and each joint's units look consistent; {detected}")
 
 
 def _excitation(findings: ReportData) -> Check:

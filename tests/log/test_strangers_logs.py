@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from log_files import RECORDED, assert_same, flat, refusal, save, scaled, strange, text, without
 
+from bayesid.errors import InputError
 from bayesid.log.reading import read_log
 
 ROWS = len(RECORDED["t"])
@@ -264,3 +265,22 @@ def test_what_efforts_and_times_are_meant(tmp_path):
     assert 't="sample"' in refusal(path)
     assert "rows?" in refusal(path, columns={"t": "sample"})
     assert_same(read_log(path, columns={"t": "sample[10ms]"}), RECORDED)
+
+
+@pytest.mark.parametrize(
+    ("word", "gains", "expected", "absent"),
+    [
+        ("電流", None, 'give `gains`, and name the columns with `columns` t="x",q="Lage{}",i="電流{}"', "tau="),
+        ("Wert", [4.0, 3.0], 'i="Wert{}"', "give `gains`"),
+        ("Wert", None, 'tau="Wert{}"; if these efforts are currents', "\n"),
+        ("トルク", None, 'tau="トルク{}"', "currents"),
+    ],
+)
+def test_a_suggested_kind_of_efforts_follows_their_name_and_the_gains(tmp_path, word, gains, expected, absent):
+    path = tmp_path / "log.csv"
+    rows = [f"x,Lage1,Lage2,{word}1,{word}2", *(f"{i},{i},{2 * i},{3 * i},{4 * i}" for i in range(1, 9))]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        read_log(path, gains)
+    assert expected in str(refused.value)
+    assert absent not in str(refused.value)

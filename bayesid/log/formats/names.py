@@ -313,7 +313,11 @@ def _complete(
     for column, (kind, is_there) in needed.items():
         if not is_there:
             _check_units(header, where, kind)
-            remedy = lacking if lacking and column == _EFFORT else suggestion(header, found, given)
+            remedy = (
+                lacking
+                if lacking and column == _EFFORT
+                else suggestion(header, found, given, currents=options.currents)
+            )
             raise InputError(f"{column} is missing{described(header, found)}", where, remedy)
     chosen = [found["t"]]
     for kind in ["q", *([] if options.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:

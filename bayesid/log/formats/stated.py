@@ -25,12 +25,14 @@ EFFORTS = "tau", "i"
 _KEY = re.compile(r"t|(q|dq|tau|i)([1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
-_EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
-"""Parts of names of efforts in many languages; below, those of velocities, times and currents (with drive counts, which
-gains turn into efforts)."""
-_VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
-_TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
-_CURRENT = re.compile("curr|strom|amp|load|count|raw|adc", re.IGNORECASE)
+_TORQUE = re.compile(
+    r"tau|torque|moment|eff|force|kraft|coupl|coppi|トルク|力矩|扭矩|转矩|토크|\bN ?m\b", re.IGNORECASE
+)
+"""Parts of names of torques in many languages; below, those of currents (with drive counts, which gains turn into
+efforts), velocities and times."""
+_CURRENT = re.compile("curr|strom|amp|corrent|corrient|courant|電流|电流|전류|last|load|count|raw|adc", re.IGNORECASE)
+_VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s|速度|속도", re.IGNORECASE)
+_TIME = re.compile("time|zeit|temps|tiempo|tempo|stamp|clock|時刻|時間|时间|시간", re.IGNORECASE)
 
 
 class _Match(NamedTuple):
@@ -151,13 +153,18 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
     return f" among {', '.join(shown[:20])}{' and others' if len(shown) > 20 else ''}"
 
 
-def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
-    """What to do about missing columns: the option with those found or given, and likely candidates."""
+def suggestion(
+    header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str], *, currents: bool
+) -> str:
+    """What to do about missing columns: the option with those found or given, and likely candidates.
+
+    Efforts are `currents` if gains are given; otherwise by a word in their name, or both are named.
+    """
     unused = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
     n_joints = None
-    for kinds in (("t",), ("q",), ("tau", "i") if effort is None else (effort,)):
+    for kinds in (("t",), ("q",), (effort,) if effort else ("i",) if currents else ("tau", "i")):
         known = [source for source in found.values() if kind_part(source.name) in kinds]
         chosen = [(key, pattern) for key, pattern in given.items() if kind_part(key) in kinds]
         part = chosen if chosen and known else _as_found(known, header) if known else _guessed(kinds, unused, n_joints)
@@ -165,9 +172,12 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: 
         unused = [label for label in unused if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
     named = ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
-    gains = "give `gains`, and " if any(kind_part(key) == "i" for key, _ in parts) else ""
+    gains = "give `gains`, and " if not currents and any(kind_part(key) == "i" for key, _ in parts) else ""
     elsewhere = "; if another file of the run has them, give both as FILE+OTHER" if UNNAMED in named else ""
-    return f"{gains}name the columns with {OPTION} {named}{elsewhere}"
+    torques = [pattern for key, pattern in parts if kind_part(key) == "tau" and key not in given and effort is None]
+    doubtful = UNNAMED not in torques and not all(map(_TORQUE.search, torques))
+    either = "; if these efforts are currents, i= instead of tau=, and give `gains`" if doubtful else ""
+    return f"{gains}name the columns with {OPTION} {named}{elsewhere}{either}"
 
 
 def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:
@@ -197,7 +207,11 @@ def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -
     for label in labels:
         ends.setdefault(last_word(label), []).append(label)
     fitting = [(_kind_of(kinds, end), alike) for end, alike in ends.items() if len(alike) == n_joints]
-    return known + sorted(fitting, key=lambda item: _EFFORT.search(item[1][0]) is None)
+    return known + sorted(fitting, key=lambda item: not _is_effort(item[1][0]))
+
+
+def _is_effort(name: str) -> bool:
+    return bool(_TORQUE.search(name) or _CURRENT.search(name))
 
 
 def _kind_of(kinds: Sequence[str], name: str) -> str:
@@ -211,7 +225,7 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
     unitless = [pattern for pattern, unit in units.items() if unit is None]
     if "tau" in kinds or "i" in kinds:
         unitless = [pattern for pattern in unitless if not _VELOCITY.search(pattern)]
-        unitless.sort(key=lambda pattern: _EFFORT.search(pattern) is None)
+        unitless.sort(key=lambda pattern: not _is_effort(pattern))
     elif "t" in kinds:
         unitless.sort(key=lambda pattern: _TIME.search(pattern) is None)
     return stated + [(_kind_of(kinds, pattern), pattern) for pattern in unitless]
