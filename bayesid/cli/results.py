@@ -50,8 +50,12 @@ def validate_command(options: argparse.Namespace) -> None:
                 save_validation(result, folder)
         last, incomplete = [_written(folder)] * (folder is not None), []
         if (options.result / FILE).exists() and not result.seen:
+            earlier = read_report_data(options.result).prediction
             try:
-                last.append(f"open {make_report(options.result, result, progress=progress)}")
+                shown = f"open {make_report(options.result, result, progress=progress)}"
+                if earlier is not None and earlier.source != result.log.source:
+                    shown += f", where this log replaces {earlier.source}"
+                last.append(shown)
             except InputError as error:
                 incomplete.append(str(error))
         elif not result.seen:
@@ -106,7 +110,7 @@ def predict_command(options: argparse.Namespace) -> None:
         with progress.stage("read"):
             identified = load(options.result)
             motion = read_motion_for(options, identified, options.motion)
-            read_as_corrected = (options.correct or identified.motion_reading.get("correct")) is not None
+            correct = options.correct or identified.motion_reading.get("correct")
         with progress.stage("predict"):
             result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
         with progress.stage("write"):
@@ -117,12 +121,10 @@ def predict_command(options: argparse.Namespace) -> None:
     headings = ["joint", "largest effort", "95 % band: +- (median)", "unit"]
     again = shlex.join(["bayesid", "validate", str(options.result), "RECORDED.csv"])
     last = f"written to {options.out}; next, with a recording of the motion: {again}"
-    corrected = (
-        ["signs and order of the efforts as in the robot file, not as in an uncorrected log"]
-        if read_as_corrected
-        else []
+    corrected = [f"positions read with --correct {correct}; efforts in order and directions of the robot file"]
+    finish(
+        options, table(headings, rows), f"the band includes {result.holds}", *(corrected if correct else []), last=last
     )
-    finish(options, table(headings, rows), f"the band includes {result.holds}", *corrected, last=last)
 
 
 def report_command(options: argparse.Namespace) -> None:

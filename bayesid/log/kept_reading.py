@@ -94,8 +94,8 @@ def read_alike(
         options = {name: value for name, value in options.items() if name not in naming}
         try:
             found = reader(source, **options, **more)
-        except InputError:
-            raise refused from None
+        except InputError as without:
+            raise (without if refused.field in naming else refused) from None
         which = " and ".join(naming)
         warnings.warn(f"{found.source}: {refused.what}; read without the result's {which}", stacklevel=2)
     if options.get("degrees") is True and "degrees" not in stated:

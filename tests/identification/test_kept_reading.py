@@ -144,8 +144,10 @@ def test_columns_that_another_file_does_not_have_are_left_out_and_said(tmp_path)
     plain = write(tmp_path / "plain.csv", t, q, effort)
     with pytest.warns(UserWarning, match="read without the result's columns"):
         assert stored.validate(plain).relative_residual.max() < 0.1
-    with pytest.raises(InputError, match="Zeit"):
+    with pytest.raises(InputError, match="column t is missing among a"):
         stored.validate(write(tmp_path / "foreign.csv", t, q, effort, "a,b,c,d,e"))
+    with pytest.raises(InputError, match="are they degrees"):
+        stored.validate(write(tmp_path / "degrees.csv", t, 50.0 * np.degrees(q), effort))
 
 
 def test_kept_degrees_do_not_make_degrees_of_what_may_be_rad(tmp_path):

@@ -87,7 +87,7 @@ def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str
         kind, pattern = kind_part(key), columns[key]
         matches = [match for place, label in enumerate(header) if (match := _match(kind, pattern, label, place))]
         if not matches:
-            raise InputError(f"no column is called {pattern}{found}", where, f"give {OPTION} an existing name")
+            raise InputError(f"no column is called {pattern}{found}", where, "give an existing name", "columns")
         names = [key]
         if kind != "t" and key == kind:
             from_zero = any(match.number == 0 for match in matches)
@@ -164,7 +164,7 @@ def suggestion(
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
     n_joints = None
-    for kinds in (("t",), ("q",), (effort,) if effort else ("i",) if currents else ("tau", "i")):
+    for kinds in (("t",), ("q",), (effort,) if effort else ("i", "tau") if currents else ("tau", "i")):
         known = [source for source in found.values() if kind_part(source.name) in kinds]
         chosen = [(key, pattern) for key, pattern in given.items() if kind_part(key) in kinds]
         part = chosen if chosen and known else _as_found(known, header) if known else _guessed(kinds, unused, n_joints)
@@ -215,7 +215,8 @@ def _is_effort(name: str) -> bool:
 
 
 def _kind_of(kinds: Sequence[str], name: str) -> str:
-    return "i" if "i" in kinds and _CURRENT.search(name) else kinds[0]
+    found = {"i": _CURRENT.search(name), "tau": _TORQUE.search(name)}
+    return next((kind for kind in ("i", "tau") if kind in kinds and found[kind]), kinds[0])
 
 
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
