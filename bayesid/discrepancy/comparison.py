@@ -156,20 +156,8 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
 ) -> ChangeReport:
     """Compares logs of one robot: changes since the first log, and effects missing in all logs.
 
-    Args:
-        robot: a robot, or its name or file, as for `bayesid.load_robot`.
-        logs: two or more, the earliest first, or anything that `bayesid.read_log` reads.
-        terms: terms of the model: names of the catalogue, or your own terms.
-        holdout: another log of the robot in its last state, for cross-validation.
-        constraints: as of `identify`, for all logs; without those on the last link in logs with a payload.
-        search: sign search in the first log; later ones have a short one, as the first log's model is known.
-        posterior: sampling of the posteriors of the first and of the last model, or whether to sample.
-        preprocessing: filtering and segmentation.
-        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
-
-    Raises:
-        InputError: there are fewer than two logs, a log is given twice, is of another robot or unusable.
-        SolverError: an optimisation failed.
+    Arguments and errors are those of `bayesid.find_discrepancy`. Posteriors are sampled for the first and the last log
+    alone.
     """
     progress = Progress.of(progress)
     began = time.perf_counter()

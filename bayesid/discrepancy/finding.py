@@ -74,9 +74,11 @@ def find_discrepancy(  # noqa: PLR0913  options of either form
             gives the model.
         log: a log of the same robot, or anything that `bayesid.read_log` reads. With a robot a list of two or more, the
             earliest first.
-        holdout: another log for cross-validation; by default blocks of the log are held back.
+        holdout: another log for cross-validation, of the robot in its last state; by default blocks of the log are
+            held back.
         terms: terms of the model, with a robot: names of the catalogue, or your own terms.
-        constraints: constraints of the model, with a robot, as for `identify`.
+        constraints: constraints of the model, with a robot, as for `identify`; those on the last link do not count in
+            logs with a payload.
         search: sign search; by default a short one, and that of `identify` for the first of several logs.
         posterior: sampling of the extended model's posterior, or whether to sample.
         preprocessing: filtering and segmentation.

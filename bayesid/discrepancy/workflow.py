@@ -133,23 +133,7 @@ def explain_log(
     progress: Progress | Show = SILENT,
     thresholds: Thresholds = Thresholds(),
 ) -> Discrepancy:
-    """Finds what a model lacks to explain a log.
-
-    Args:
-        earlier: an identification of the robot, or a stored one.
-        log: a log of the same robot, or anything that `bayesid.read_log` reads.
-        holdout: another log for cross-validation; by default blocks of the log are held back.
-        search: sign search under the extended model.
-        posterior: sampling of the extended model's posterior, or whether to sample.
-        preprocessing: filtering and segmentation.
-        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
-        thresholds: thresholds of the selection of effects.
-
-    Raises:
-        InputError: a log is of another robot, too short or without motion, the model was identified from it, or the
-            holdout is the log.
-        SolverError: an optimisation failed.
-    """
+    """Finds what a model lacks to explain a log; arguments and errors are those of `bayesid.find_discrepancy`."""
     progress = Progress.of(progress)
     began = time.perf_counter()
     model, cutoff = earlier.knowledge.model, preprocessing.cutoff
