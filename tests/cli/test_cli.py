@@ -316,7 +316,7 @@ def test_a_validation_is_on_the_report(arm_result, arm_place, capfd):
     assert capfd.readouterr() == ("", "")
     text = (arm_place / "to" / "send.html").read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>")
-    assert "other.csv: errors against measured efforts" in text
+    assert "other.csv: errors of the predicted efforts" in text
     assert not list(arm_result.glob(".*"))
 
 

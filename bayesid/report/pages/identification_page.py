@@ -136,7 +136,8 @@ def _torques(findings: ReportData) -> list[Markup]:
         "double-click to see all."
     )
     signs = f", with the signs found, and of the model. {bands}"
-    curves = signs if findings.summary.hidden_joints else ", and of the model. Blue bands: plus; orange: minus."
+    known = ", and of the model. Blue bands: plus; orange: minus; above: share of the squared effort with this sign."
+    curves = signs if findings.summary.hidden_joints else known
     thinned = "" if every == 1 else f" One of {every} samples is shown."
     drawn = _over_time(findings, torque_panel, "torque", "recorded, with signs, and of the model.")
     return [html.paragraph(f"Efforts as recorded{curves}{thinned}", note=True), drawn]
