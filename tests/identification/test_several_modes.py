@@ -72,7 +72,7 @@ def test_the_model_is_one_of_them_and_no_point_between(robot):
     of_mode = first.draws.beta.reshape(-1, len(result.beta)).mean(axis=0)
     np.testing.assert_allclose(result.beta, of_mode, rtol=1e-9)
     assert np.all(result.sd[1:] > 1.5 * np.abs(result.beta[1:]) * np.sqrt(second.weight))  # the other is 2 mc away
-    (said,) = [warning for warning in result.warnings if "other modes" in warning]
+    (said,) = [warning for warning in result.warnings if "separate modes" in warning]
     assert "signs of joint 1 flipped" in said
     assert np.average(result.confidence) < 1.2 * first.weight
 
