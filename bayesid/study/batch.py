@@ -108,7 +108,7 @@ def identify_each(  # noqa: PLR0913  of one identification, and of the batch
     folders = [place / name for name in _names(paths)]
     _check(place, folders, paths)
     jobs = [(log.absolute(), folder.absolute()) for log, folder in zip(paths, folders, strict=True)]
-    work = partial(_identify, robot=robot, reading=reading or {}, options=options, report=report, run_by=run_by)
+    work = partial(_identify, robot=robot, reading=reading or {}, options=options, report=report, run_by=dict(run_by))
     done: dict[int, Run] = {}
     show = Progress.of(progress).show
     show("logs", 0, len(jobs))
