@@ -21,6 +21,12 @@ VALIDATED: Mapping[State, str] = {
     "bad": "Do not use the model for such motions",
 }
 """Verdicts of a validation."""
+EXPLAINED: Mapping[str, tuple[State, str]] = {
+    "explained": ("good", "The missing effects were found"),
+    "partly_explained": ("look", "Missing effects were found; part of the residual is unexplained"),
+    "unexplained": ("bad", "The residual is above the noise floor, and no tested effect explains it"),
+}
+"""Verdicts of a discrepancy in which an effect is missing, by its status."""
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,13 @@ from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
-from bayesid.identification.checks import Check, State
+from bayesid.identification.checks import Check
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.scores import Score
-from bayesid.report.conclusion import Conclusion, first, sentence
+from bayesid.report.conclusion import EXPLAINED, Conclusion, first, sentence
 from bayesid.report.grading import failed
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
@@ -37,17 +37,9 @@ def above_the_floor(discrepancy: Discrepancy) -> str:
     return " above the noise floor" if discrepancy.floor.lasting.any() else ""
 
 
-_VERDICTS: Mapping[str, tuple[State, str]] = {
-    "explained": ("good", "The missing effects were found"),
-    "partly_explained": ("look", "Missing effects were found; part of the residual is unexplained"),
-    "unexplained": ("bad", "The residual is above the noise floor, and no tested effect explains it"),
-}
-"""By status."""
-
-
 def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
     """The verdict, with its first remedies."""
-    state, text = _VERDICTS.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
+    state, text = EXPLAINED.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
     reasons = [check for check in failed(discrepancy_checks(discrepancy)) if check.remedy and check.state != "not done"]
     return Conclusion(state, sentence(state, text), first(reasons))
 

@@ -147,7 +147,8 @@ def save_discrepancy(
     def write(place: Path) -> None:
         write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
 
-    return _save_result(discrepancy.identification, folder, report, shown, write, page)
+    status = discrepancy.status
+    return _save_result(discrepancy.identification, folder, report, shown, write, page, status=status)
 
 
 def save_comparison(
@@ -170,7 +171,8 @@ def save_comparison(
         write_json(place / "discrepancy.json", comparison_summary(comparison))
         write_table(place / "timeline.csv", list(timeline_rows(comparison)))
 
-    return _save_result(comparison.found[-1].identification, folder, report, shown, write, page)
+    last = comparison.found[-1]
+    return _save_result(last.identification, folder, report, shown, write, page, status=last.status)
 
 
 @one_blas_thread
@@ -182,9 +184,11 @@ def _save_result(
     write_more: Callable[[Path], None],
     page: Callable[[], str] | None = None,
     validation: Validation | None = None,
+    status: str = "",
 ) -> Path:
-    """Like `save_identification`, with a function that writes more files, and one that makes discrepancy.html."""
-    missing, findings = dict[str, str](), replace(report_data(identification), folder=str(folder))
+    """Like `save_identification`, with a function that writes more files, one that makes discrepancy.html."""
+    missing = dict[str, str]()
+    findings = replace(report_data(identification), folder=str(folder), discrepancy=status)
     findings = findings if validation is None else findings.with_validation(validation)
 
     def write(place: Path) -> None:

@@ -148,6 +148,7 @@ class ReportData:
     draws: Array | None = None
     prediction: Prediction | None = None  #: validation on another log; None without one
     folder: str = field(default="", compare=False)  #: result folder; empty without one
+    discrepancy: str = ""  #: status of the discrepancy that extended the model; empty without one
 
     def __repr__(self) -> str:
         drawn = "no draws" if self.draws is None else f"draws of {self._n_ensembles} ensembles"
@@ -364,13 +365,23 @@ def read_report_data(folder: str | Path) -> ReportData:
                 name: _part(name, arrays) for name in _PARTS if name != "prediction" or "prediction.t" in arrays
             }
             parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
-        return ReportData(summary=summary, **parts, draws=_draws(place / "posterior.nc"), folder=str(folder))
+        return ReportData(
+            summary=summary,
+            **parts,
+            draws=_draws(place / "posterior.nc"),
+            folder=str(folder),
+            discrepancy=_status(place / "discrepancy.json"),
+        )
     except InputError as error:
         raise InputError(f"{Path(error.where).name} {error.what}", str(folder), _REMEDY) from None
     except KeyError as error:
         raise InputError(f"{FILE} lacks {printable(str(error))}", str(folder), _REMEDY) from None
     except Exception:  # a damaged archive raises various errors
         raise InputError(f"{FILE} is damaged", str(folder), _REMEDY) from None
+
+
+def _status(path: Path) -> str:
+    return str(read_json(path, dict[str, Any], _REMEDY).get("status", "")) if path.exists() else ""
 
 
 def _part(name: str, arrays: Mapping[str, Any]) -> Any:

@@ -18,6 +18,7 @@ from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.number_text import percent
 from bayesid.report import commands
+from bayesid.report.conclusion import EXPLAINED
 from bayesid.report.grading import graded, unsaid
 from bayesid.report.model_checks import additional_effects, decided, fit, gains, intervals, validation, whiteness
 from bayesid.report.report_data import ReportData
@@ -44,6 +45,7 @@ def check_findings(findings: ReportData) -> tuple[Check, ...]:
         whiteness(findings),
         decided(findings),
         validation(findings),
+        *_discrepancy(findings.discrepancy),
     )
     others = (*others, _warnings(summary, unsaid(summary.warnings, (reading, *others))))
     if reading.state == "bad":
@@ -181,6 +183,15 @@ def _modes(findings: ReportData) -> list[Check]:
     more = f"; in mode {other + 1}: {', '.join(differs)}" if differs else ""
     state: State = "look" if weights[written] >= TUNING.unsure else "bad"  # confidences and draws include all modes
     return [replace(found, state=state, message=found.message + more)]
+
+
+def _discrepancy(status: str) -> list[Check]:
+    """Whether the effects that the model lacked explain its log; nothing if no log was compared."""
+    if not status:
+        return []
+    state, message = EXPLAINED.get(status, ("good", "No effect is missing"))
+    remedy = "" if state == "good" else "see the residuals in discrepancy.html"
+    return [Check("Discrepancy", state, message[:1].lower() + message[1:], remedy)]
 
 
 def _warnings(summary: Summary, others: Sequence[str]) -> Check:

@@ -67,6 +67,17 @@ def test_an_earlier_result_is_replaced_through_a_link_too(result, other, tmp_pat
     assert sorted(tmp_path.iterdir()) == [link, place]
 
 
+def test_the_report_of_a_discrepancys_folder_has_its_verdict_too(result, tmp_path, capsys):
+    place = save(result, tmp_path / "found")
+    for status, state in (("partly_explained", "look"), ("unexplained", "bad"), ("explained", "good")):
+        (place / "discrepancy.json").write_text(json.dumps({"status": status}))
+        assert main(["report", str(place)]) == 0
+        (check,) = (one for one in bayesid.load(place).checks() if one.name == "Discrepancy")
+        assert check.state == state
+        assert ("Discrepancy" in capsys.readouterr().out) == (state != "good")
+        assert check.message in (place / "report.html").read_text()
+
+
 def test_other_files_are_never_deleted(result, tmp_path, monkeypatch):
     for k, names in enumerate((["notes.txt"], ["model.toml"], ["summary.json", "thesis.tex"])):
         place = tmp_path / str(k)
