@@ -16,7 +16,6 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from textwrap import fill
 
 import numpy as np
 
@@ -62,24 +61,30 @@ _PEERS = {
 # ---------------------------------------------------------------------------------------------------------------
 def signs(rows: Sequence[Row]) -> str:
     """Real logs: shares of right signs."""
-    head = ["log", "segments", "all", "in motion", "in motion, smooth truth", "sign(velocity) alone", "certified"]
+    head = ["log", "segments", "right, all samples", "right signs", "the same, smooth truth", "sign(velocity) instead"]
     lines = []
     for row in _with_friction(rows):
         shares = [percent(row[key], 2) for key in ("all", "motion", "smooth")]
         cells = [NAMES[row["log"]], row["segments"], *shares, percent(row["velocity"], 1)]
         lines.append([*cells, "yes" if row["certified"] else "no", percent(row["determined"], 1)])
-    return markdown([*head, "determined"], lines)
+    return markdown([*head, "proven best", "determined"], lines)
 
 
 def signs_in_short(rows: Sequence[Row]) -> str:
-    """Real logs: the shares that matter, beside what needs no model; below, why a verdict is not good."""
-    head = ["log", "right signs", "sign of the velocity alone", "proven best", "verdict"]
-    lines, why = [], []
+    """Real logs: the shares that matter, beside what needs no model."""
+    head = ["log", "right signs", "sign(velocity) instead", "proven best", "verdict"]
+    lines = []
     for row in _with_friction(rows):
         name, proven = NAMES[row["log"]], "yes" if row["certified"] else "no"
         lines.append([name, percent(row["motion"], 2), percent(row["velocity"], 1), proven, row["verdict"]])
-        why += ["\n", fill(f"{name}: {row['why']}.", 120), "\n"] if row["why"] else []
-    return "".join([markdown(head, lines), *why])
+    return markdown(head, lines)
+
+
+def verdicts(rows: Sequence[Row]) -> str:
+    """Real logs whose verdict is not good, and why."""
+    rows = [row for row in _with_friction(rows) if row["why"]]
+    lines = [[NAMES[row["log"]], row["verdict"], row["why"].replace("|", r"\|")] for row in rows]
+    return markdown(["log", "verdict", "reasons"], lines)
 
 
 def confidences(rows: Sequence[Row]) -> str:
@@ -197,6 +202,7 @@ def markdown(head: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
 TABLES: dict[str, tuple[str, Callable[[Sequence[Row]], str]]] = {
     "signs": ("real", signs),
     "signs in short": ("real", signs_in_short),
+    "verdicts": ("real", verdicts),
     "confidences": ("real", confidences),
     "paper": ("paper", paper),
     "algorithm1": ("algorithm1", algorithm1),

@@ -63,7 +63,7 @@ class Alternative:
 
     Attributes:
         name: of the alternative.
-        cost: nats by which its best fit is worse than the fit without alternatives.
+        cost: increase of the best fit's cost over that without alternatives; 13.8 is 1000 times less likely.
         prior_share: prior probability; all alternatives sum to one.
         prior_share_sd: its standard error, from the integration.
         marginal_likelihood: log of its ratio to that of the likeliest alternative, and standard error.
@@ -118,7 +118,7 @@ def weigh(
     likelihoods = log_mass - log_share
     columns = zip(
         alternatives,
-        [0.5 * max(cost - least, 0.0) for cost in costs],
+        [max(cost - least, 0.0) for cost in costs],
         shares.tolist(),
         _spread(shares, share_error).tolist(),
         map(MarginalLikelihood, (likelihoods - likelihoods.max()).tolist(), np.hypot(error, share_error).tolist()),

@@ -207,9 +207,8 @@ def _constraints(summary: Summary) -> list[str]:
     if not summary.constraints:
         return []
     dearest = max(summary.constraints, key=attrgetter("nats"))
-    costs = (
-        f"largest cost {dearest.nats:.1f} nats ({dearest.label})" if dearest.nats > 0.0 else "none is active in the fit"
-    )
+    largest = f"largest cost {2.0 * dearest.nats:.1f} ({dearest.label})"
+    costs = largest if dearest.nats > 0.0 else "none is active in the fit"
     active = [constraint.label for constraint in summary.constraints if constraint.presses]
     return [f"constraints: {len(summary.constraints)}; {costs}{f'; {len(active)} limit the draws' * bool(active)}"]
 

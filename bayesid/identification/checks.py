@@ -215,7 +215,7 @@ def contradicted_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
     """Constraints that the log contradicts, worst first."""
     found = [price for price in prices if price.nats > TUNING.contradicted_constraint]
     return [
-        _remark(f"the log contradicts constraint {price.label} by {price.nats:.0f} nats", "check it, and its frame")
+        _remark(f"constraint {price.label} contradicts the log: it costs {2.0 * price.nats:.0f}", "check value, frame")
         for price in sorted(found, key=lambda price: -price.nats)
     ]
 

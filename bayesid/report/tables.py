@@ -84,7 +84,7 @@ def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
     return [
         (
             constraint.label,
-            _price(constraint.nats),
+            _cost(2.0 * constraint.nats),
             "" if constraint.at_edge is None else percent(constraint.at_edge, 1),
             "" if constraint.at_edge is None else "yes" if constraint.presses else "no",
         )
@@ -92,7 +92,7 @@ def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
     ]
 
 
-def _price(nats: float) -> str:
-    if nats == 0.0:
+def _cost(cost: float) -> str:
+    if cost == 0.0:
         return "none: the best fit satisfies it"
-    return f"{nats:.1f} nats" if nats >= 0.05 else "under 0.1 nats"
+    return f"{cost:.1f}" if cost >= 0.05 else "under 0.1"

@@ -4,10 +4,10 @@ Each page has a temporary directory and one namespace. Its blocks run in the ord
 
     ```python     as it stands; a ```text block right after it is what it prints, numbers to about the digits shown
     ```console    lines that begin with `bayesid`, through the command line's own entry; ```sh alike
-    <!-- file: NAME -->   before a block: it is written to NAME, for the examples of every page
+    <!-- file: NAME -->   before a block: it is written to NAME
     <!-- not run -->      before a block: it is left alone
 
-The directory holds the logs that a user would have, simulated.
+A how-to page makes its own logs. For other pages the directory holds the logs that a user would have, simulated.
 """
 
 from __future__ import annotations
@@ -44,11 +44,20 @@ from make_images import GALLERY  # noqa: E402
 
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
 PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
-ROBOTS = {"use.md": "ur10e", "data-sheet-robot.md": "ur5e"}
+SHOWN = ROOT / "docs" / "logs-and-robots.md"
+"""Its files, such as robot.toml, are for the examples of every page but the how-to pages."""
+ROBOTS = {"use.md": "ur10e"}
 """Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
 PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 2.0])
 """Of a body of 2 kg, as in `bayesid.robot.inertia`: on the flange in the log of a page about gains."""
-SAMPLED = ("posterior.md", "python.md", "extending.md", "find-what-is-missing.md", "what-to-record-next.md")
+SAMPLED = (
+    "posterior.md",
+    "python.md",
+    "extending.md",
+    "find-what-is-missing.md",
+    "what-to-record-next.md",
+    "what-you-know-of-the-robot.md",
+)
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
 QUICK = ("excitation.md",)
 """Pages that take two seconds and whose command no other test runs; all others are long."""
@@ -88,9 +97,9 @@ def blocks_of(page: Path) -> list[Block]:
     ]
 
 
-def write_files(folder: Path, page: Path | None = None) -> None:
-    """The files that docs/logs-and-robots.md shows, and those of the page."""
-    for block in [*blocks_of(ROOT / "docs" / "logs-and-robots.md"), *([] if page is None else blocks_of(page))]:
+def write_files(folder: Path, *pages: Path) -> None:
+    """The files that pages show."""
+    for block in (block for page in pages for block in blocks_of(page)):
         if block.remark.startswith("file:"):
             (folder / block.remark.removeprefix("file:").strip()).write_text(block.text)
 
@@ -164,8 +173,9 @@ def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
         monkeypatch.setattr(bayesid, "identify", partial(bayesid.identify, posterior=FEW))
         monkeypatch.setattr(demo, "identify", partial(identify_few, demo.identify))
     blocks = [block for block in blocks_of(page) if block.remark != "not run"]
-    write_files(tmp_path, page)
-    if any(block.language in ("console", "sh") for block in blocks):
+    own_logs = page.parent.name == "how-to"
+    write_files(tmp_path, *([] if own_logs else [SHOWN]), page)
+    if not own_logs and any(block.language in ("console", "sh") for block in blocks):
         write_logs(tmp_path, page.name)
     namespace: dict[str, object] = {"__name__": "__main__"}
     for block, following in zip_longest(blocks, blocks[1:]):
@@ -205,7 +215,7 @@ def test_result_folder_names_every_file_column_and_key(tmp_path):
     text = (ROOT / "docs" / "result-folder.md").read_text(encoding="utf-8")
     spans = re.findall(r"`([^`]+)`", text)
     named = {*spans, *(word for span in spans for word in re.split(r"[., ]+", span))}
-    write_files(tmp_path)
+    write_files(tmp_path, SHOWN)
     log = simulated(tmp_path / "robot.toml", 6.0, 50.0, seed=1)
     result = bayesid.identify(tmp_path / "robot.toml", log, ["rigid_body", "viscous_friction"], posterior=FEW)
     bayesid.save(result, tmp_path / "result")

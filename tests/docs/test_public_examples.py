@@ -16,7 +16,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
-from test_docs import FEW, GAINS, assert_alike, write_files, write_logs
+from test_docs import FEW, GAINS, SHOWN, assert_alike, write_files, write_logs
 
 import bayesid
 from bayesid.log.segments import find_segments
@@ -28,7 +28,7 @@ TERMS = ["rigid_body", "viscous_friction", "coulomb_friction"]
 
 def make_namespace(folder: Path) -> dict[str, object]:
     """The names of docs/python.md, and the files beside them in the folder, which is the working directory."""
-    write_files(folder)
+    write_files(folder, SHOWN)
     write_logs(folder, "python.md")
     (folder / "limits.toml").write_text(
         "lower = [-2, -1, -2]\nupper = [2, 1, 2]\nvelocity = 2.0\nacceleration = 10.0\n"

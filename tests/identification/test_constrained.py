@@ -83,7 +83,7 @@ def test_nothing_that_is_true_is_dear_and_what_contradicts_is_named():
     )
     dear = max(wrong.constraints, key=lambda one: one.nats)
     assert dear.label.startswith("Fc2 <= ")
-    assert sum(dear.label in said and f"{dear.nats:.0f} nats" in said for said in wrong.warnings) == 1
+    assert sum(dear.label in said and f"costs {2.0 * dear.nats:.0f}" in said for said in wrong.warnings) == 1
     free = by_least_squares()
     place = NAMES.index("Fc2")
     off = (free.fit.theta[place] - 0.5 * TRUE["Fc2"]) / free.fit.sd[free.coefficients.names.index("Fc2")]

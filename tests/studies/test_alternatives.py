@@ -30,7 +30,7 @@ def test_the_true_one_of_two_that_the_log_can_tell_has_all_the_weight(arm):
     assert right.cost == pytest.approx(0.0, abs=1e-3)
     place = places["Fc2"]
     sd = result.fit.sd[result.coefficients.names.index("Fc2")]
-    assert wrong.cost == pytest.approx(0.5 * ((result.fit.theta[place] - bound) / sd) ** 2, rel=0.25)
+    assert wrong.cost == pytest.approx(((result.fit.theta[place] - bound) / sd) ** 2, rel=0.25)
     assert right.marginal_likelihood.log_value == 0.0
     assert wrong.marginal_likelihood.log_value < -5.0
     assert wrong.draws.theta[..., place].max() <= bound <= right.draws.theta[..., place].min()
@@ -46,7 +46,7 @@ def test_what_the_log_cannot_tell_has_the_weight_that_the_prior_and_the_draws_gi
     assert both[0].weight == pytest.approx(inside, abs=4.0 * both[0].weight_sd + 0.06)
     assert both[0].weight == pytest.approx(both[0].prior_share, abs=0.25)
     for one in both:
-        assert one.cost < 0.1
+        assert one.cost < 0.2
         assert one.shared == 0.0
         assert one.marginal_likelihood.log_value == pytest.approx(0.0, abs=1.0)
 

@@ -32,14 +32,14 @@ def test_a_rule_that_the_log_cannot_tell_costs_nothing_and_what_was_stated_holds
     found = retrieve(result, [product, either], make_bounds(result.model, mass=2.0 * most), QUICK)
     assert found.before["product"] == pytest.approx(0.5 * mass.prod())
     assert found.satisfied
-    assert found.cost < 0.01
+    assert found.cost < 0.02
     bodies = Bodies(found.theta, result.model.cone)
     assert bodies.mass.sum() <= most + 1e-5
     assert bodies.mass.prod() <= 0.5 * mass.prod() + 1e-5
     assert result.model.cone.contains(found.theta)
 
 
-def test_a_rule_against_the_log_costs_half_the_square_of_the_distance_in_sds():
+def test_a_rule_against_the_log_costs_the_square_of_the_distance_in_sds():
     result, most = identified()
     place = result.coefficients.names.index("Fc2")
     sd = np.sqrt(np.linalg.inv(result.fit.information)[place, place])
@@ -49,7 +49,7 @@ def test_a_rule_against_the_log_costs_half_the_square_of_the_distance_in_sds():
 
     found = retrieve(result, [Constraint("away", away)], make_bounds(result.model, mass=2.0 * most), QUICK)
     assert found.satisfied
-    assert found.cost == pytest.approx(2.0, rel=0.1)
+    assert found.cost == pytest.approx(4.0, rel=0.1)
     assert found.before["away"] == pytest.approx(2.0)
 
 

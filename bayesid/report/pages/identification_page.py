@@ -210,9 +210,9 @@ def _gains(findings: ReportData) -> list[Markup]:
 def _constraints(findings: ReportData) -> list[Markup]:
     rows = constraint_rows(findings.summary)
     caption = (
-        "Stated constraints. Cost: increase of the log-likelihood without the constraint, in nats; above "
-        f"{IDENTIFICATION.contradicted_constraint:.1f} nats (odds of 1000 to 1) the log contradicts it. A draw is at "
-        "the edge within a tenth of the standard deviation of its distance. Limits the draws: above "
+        "Stated constraints. Cost: decrease of the best fit's cost without the constraint; above "
+        f"{2.0 * IDENTIFICATION.contradicted_constraint:.1f} (1000 times less likely) the log contradicts it. A draw "
+        "is at the edge within a tenth of the standard deviation of its distance. Limits the draws: above "
         f"{percent(POSTERIOR.active_constraint, 0)} of the draws are there."
     )
     return [html.table(caption, list(map(upper, CONSTRAINT_HEADINGS)), rows)] if rows else []
