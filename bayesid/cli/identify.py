@@ -95,7 +95,7 @@ def identify_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             read_logs = [_read(options, recording, reading, robot) for recording in logs]
-            log, notes = join_logs(read_logs), {note for read_log in read_logs for note in read_log.notes}
+            log = join_logs(read_logs)
         result = identify(robot, log, **settings, progress=progress)
         run_by = replace(result.provenance, command=command_line(), config=config_of(options))
         result = replace(result, provenance=run_by)
@@ -108,7 +108,7 @@ def identify_command(options: argparse.Namespace) -> None:
     conclusion, summary = conclude(checks), findings.summary
     lines = (verdicts.proof(summary), verdicts.sampling(summary), *model_checks.gains(summary))
     printed = () if options.quiet else (*lines, *conclusion.actions)
-    later = [warning for warning in grading.unsaid(result.warnings, printed) if warning not in notes]
+    later = grading.unsaid(result.warnings, printed)
     parts, last = _identification_parts(result, summary), f"{last}{' (an earlier result was replaced)' * replaced}"
     finish(options, *parts, conclusion=conclusion, last=last, warnings=later, incomplete=incomplete)
 

@@ -192,11 +192,12 @@ def motion_options(options: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def warned(options: argparse.Namespace) -> Iterator[None]:
-    """Prints each warning in one line; a note on the reading is a plain line."""
+    """Prints each warning in one line, which `finish` does not repeat; a note on the reading is a plain line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
     for warning in caught:
+        vars(options).setdefault("warned", set()).add(str(warning.message))
         if not issubclass(warning.category, ReadingNote):
             warn(str(warning.message))
         elif not options.quiet:
@@ -256,7 +257,8 @@ def finish(
         RedVerdictError: the verdict is bad, and --strict was given.
     """
     for warning in warnings:
-        warn(warning)
+        if warning not in vars(options).get("warned", ()):
+            warn(warning)
     if not options.quiet:
         show(*parts, *([] if conclusion is None else verdict_parts(conclusion)))
         if last:

@@ -26,7 +26,15 @@ from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
 from bayesid.report.folders import REPORT, VALIDATION_FILES, make_report, save_validation
 from bayesid.report.model_checks import validation
-from bayesid.report.payload import HEADINGS, PAYLOAD, PAYLOAD_FILES, payload_checks, payload_rows, save_payload
+from bayesid.report.payload import (
+    HEADINGS,
+    PAYLOAD,
+    PAYLOAD_FILES,
+    payload_checks,
+    payload_note,
+    payload_rows,
+    save_payload,
+)
 from bayesid.report.report_data import FILE, read_report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.verdicts import check_findings
@@ -166,8 +174,7 @@ def payload_command(options: argparse.Namespace) -> None:
         *map(line_of, checks),
         "",
         table(HEADINGS, payload_rows(result), left=["payload", "unit"]),
-        f"frame: {result.frame}; inertia about the centre of mass; intervals of mass and inertia include the scale "
-        "error of the efforts",
+        payload_note(result),
     ]
     conclusion = conclude(checks).in_brief()
     finish(options, *parts, conclusion=conclusion, last=_written(folder), warnings=result.warnings)

@@ -75,6 +75,14 @@ def payload_rows(reading: PayloadEstimate) -> list[tuple[str, ...]]:
     return rows if factor is None else [*rows, _row("efforts' factor", factor, "")]
 
 
+def payload_note(reading: PayloadEstimate) -> str:
+    """What the rows refer to and include."""
+    note = f"frame: {reading.frame}; inertia about the centre of mass"
+    if reading.gain_factor is not None:
+        return f"{note}; mass and inertia with the efforts as logged: multiply them by the efforts' factor"
+    return f"{note}; mass and inertia include the scale error of the efforts" if reading.common_sd else note
+
+
 def _row(name: str, estimate: Estimate, unit: str) -> tuple[str, ...]:
     sd, (low, high) = rounded(estimate.sd, 2), estimate.interval
     behind = len(sd.partition(".")[2]) if 1e-4 <= estimate.sd < 1e6 else 6  # as many decimals as the sd
@@ -94,6 +102,7 @@ def _mass(reading: PayloadEstimate) -> Check:
         return Check(name, "look", words, f"if the robot carried one, {_TURN}")
     low, high = (rounded(end) for end in mass.interval)
     words = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
+    words += " with the efforts as logged" if reading.gain_factor is not None else ""
     words += f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
     by_log = reading.mass_sd_by_log / mass.value
     share = by_log if reading.known_mass is not None else mass.sd / mass.value
@@ -150,7 +159,11 @@ def _gains(reading: PayloadEstimate, result: str) -> Check:
         if gains is None or gains.factor_decided_by != BY_PRIOR:
             return graded("Gains", reading.common_sd, (KNOWN, TUNING.poorly_known), words, _weigh(reading))
         return Check("Gains", "look", f"{words}; the earlier log does not show it", _weigh(reading))
-    exact = f"a scale error of all efforts of {included}" if reading.common_sd else "exact"
+    exact = (
+        f"a scale error of all efforts of {included}"
+        if reading.common_sd
+        else "taken as exact; an error common to all gains is one of the mass too (--known-mass, --common-sd)"
+    )
     return Check("Gains", "good", f"stated: {exact}")
 
 
@@ -165,12 +178,13 @@ def _gains_by_mass(reading: PayloadEstimate, result: str) -> Check:
         f"the logged efforts are {times:.3f} times too {which}: multiply them by "
         f"{quantity(factor.value, factor.sd, '')} (95 %: {low:.3f} to {high:.3f})"
     )
-    words += "; not significantly different from 1" if low <= 1.0 <= high else ""
+    as_stated = low <= 1.0 <= high
+    words += "; not significantly different from 1" if as_stated else ""
     if not passed:
         return Check(name, "look", f"{words}, if nothing else has changed", _names_change(reading, result))
-    remedy = ""
+    remedy = f"read logs with --correct tau={factor.value:.4g}*tau"
     if reading.gains is not None:
         remedy = f"read logs with --gains {','.join(f'{gain:.4g}' for gain in reading.gains[1])}"
         if known is not None and known.stated.of_torques:
             remedy += ' --columns i="tau{}"'  # exact gains are for currents
-    return Check(name, "good", words, remedy)
+    return Check(name, "good" if as_stated else "look", words, remedy)
