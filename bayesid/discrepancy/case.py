@@ -270,7 +270,7 @@ def _binned(value: Array, residual: Array) -> tuple[float, tuple[float, float]]:
 class HeldBack:
     """Data that score selected effects, and are not used to select them."""
 
-    trial: Trial  #: another log, or held-back stretches of the log
+    trial: Trial  #: another log, or held-back blocks of the log
     name: str  #: in reports
     another_log: bool  #: whether it is another log
 
@@ -298,7 +298,7 @@ class HeldBack:
 
 
 def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None) -> tuple[Trial, HeldBack]:
-    """The data for selection, and those for scoring: another log or, without one, stretches of the log."""
+    """The data for selection, and those for scoring: another log or, without one, blocks of the log."""
     if later is not None:
         other = shortened(make_trial(model, prepare(later, cutoff)))
         slowest = TUNING.clearly_moving * trial.actuators.standstill_speed  # as on the log, for friction
@@ -306,7 +306,8 @@ def divide(model: Model, log: Log, later: Log | None, trial: Trial, cutoff: floa
         return trial, HeldBack(other, later.source, another_log=True)
     block = np.minimum(np.arange(len(trial.used)) * TUNING.blocks // len(trial.used), TUNING.blocks - 1)
     held, signals = np.isin(block, TUNING.held_back_blocks)[:, None], trial.signals
-    name = f"stretches {' and '.join(str(k + 1) for k in TUNING.held_back_blocks)} of {TUNING.blocks} of {log.source}"
+    blocks = " and ".join(str(k + 1) for k in TUNING.held_back_blocks)
+    name = f"held-back blocks {blocks} of {TUNING.blocks} of {log.source}"
     selecting, scoring = (
         replace(trial, used=trial.used & which, signals=replace(signals, measured=signals.measured & which))
         for which in (~held, held)

@@ -173,7 +173,7 @@ class JointZero(Displacement):
     shown_by = "moving the joints behind it slowly through their ranges, the arm stretched"
     phrase = Phrase(
         "{whose} zero is off: its true position is {zero} more than its reading.",
-        "a joint's zero that is off",
+        "an error of the joint's zero",
         size="zero",
         opposite="{whose} zero is off: its true position is {zero} less than its reading.",
         units={"zero": _DEGREES},
@@ -189,7 +189,7 @@ class LinkLength(Displacement):
     shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
     phrase = Phrase(
         "{whose} link is {a} longer than the table's a, if the model's masses are right.",
-        "an error of a length a of the table",
+        "an error of DH length a",
         size="a",
         opposite="{whose} link is {a} shorter than the table's a, if the model's masses are right.",
         units={"a": _MILLIMETRES},
@@ -205,7 +205,7 @@ class LinkOffset(Displacement):
     shown_by = "moving the joints before the link through their ranges, fast, in several postures"
     phrase = Phrase(
         "{whose} link offset is {d} more than the table's d, if the model's masses are right.",
-        "an error of a length d of the table",
+        "an error of DH length d",
         size="d",
         opposite="{whose} link offset is {d} less than the table's d, if the model's masses are right.",
         units={"d": _MILLIMETRES},
@@ -221,7 +221,7 @@ class LinkTwist(Displacement):
     shown_by = "moving the joints on both sides of the link slowly through their ranges"
     phrase = Phrase(
         "{whose} link twist is {alpha} more than the table's alpha, if the model's masses are right.",
-        "an error of an angle alpha of the table",
+        "an error of DH angle alpha",
         size="alpha",
         opposite="{whose} link twist is {alpha} less than the table's alpha, if the model's masses are right.",
         units={"alpha": _DEGREES},

@@ -111,7 +111,7 @@ class CableFriction(DryTerm):
 
     name = "cable_drag.friction"
     shown_by = _WHOLE_RANGE
-    phrase = Phrase("{who} needs a dress pack that rubs with {Fd} of bending, straight at {start}.")
+    phrase = Phrase("{whose} friction grows by {Fd} with the distance from {start}, like that of a cable.")
     coefficients = (Coefficient("Fd", "N m/rad", nonnegative=True),)
 
     def unit_efforts(self, actuators: Motion) -> Array:

@@ -18,9 +18,10 @@ from bayesid.report.discrepancy import (
     effort_in_words,
     equivalents,
     main_number,
+    over_the_floor,
 )
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted, joints_in_words, label, listed, unit_of
+from bayesid.report.words import joints_in_words, label, listed, unit_of
 
 
 def in_brief(discrepancy: Discrepancy) -> tuple[Check, ...]:
@@ -37,10 +38,8 @@ def in_brief(discrepancy: Discrepancy) -> tuple[Check, ...]:
 def _missing(discrepancy: Discrepancy) -> Check:
     name, named = "Missing", _named_effects(discrepancy)
     if named:
-        more = len(named) - TUNING.effects_named
-        few = [*named[: TUNING.effects_named], *([f"{counted(more, 'smaller effect')}"] if more > 0 else [])]
         unsure = any(_is_open(added) for added in discrepancy.added)
-        return Check(name, "look" if unsure else "good", "; ".join(few))
+        return Check(name, "look" if unsure else "good", "; ".join(named))
     if discrepancy.unexplained:
         return Check(name, "bad", "an effect that is not in the catalogue")
     if discrepancy.where:
@@ -99,10 +98,11 @@ def _how_large(discrepancy: Discrepancy) -> Iterator[Check]:
 def _remaining(discrepancy: Discrepancy) -> Check:
     """The unexplained RMS above the noise floor, and joints that got worse."""
     above, worse = [], []
-    for joint, ratio in discrepancy.unexplained:
+    for joint, _ in discrepancy.unexplained:
         if set(discrepancy.unexplained_on[joint]) == {GROWN}:
             worse.append(joint)
         else:
+            ratio, _ = over_the_floor(discrepancy, joint)
             size = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
             above.append(f"{rounded(size, 2)} {unit_of(discrepancy, joint)} in joint {joint}")
     said = [f"{listed(above)} above the noise floor, unexplained"] if above else []

@@ -17,7 +17,7 @@ _RESULT: Mapping[State, str] = {
 }
 VALIDATED: Mapping[State, str] = {
     "good": "The model predicts this log",
-    "look": "The model predicts this log; its error or the coverage of its bands needs attention",
+    "look": "The model predicts this log; its errors or its bands differ from the expected ones",
     "bad": "Do not use the model for such motions",
 }
 """Verdicts of a validation."""

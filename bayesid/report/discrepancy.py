@@ -30,6 +30,8 @@ from bayesid.report.words import joints_in_words, label, listed, unit_of, upper
 
 _MODELS = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """The model whose error a floor may contain, by the floor's source."""
+HOLDOUT = "the holdout"
+"""Name of another log that scores the models."""
 
 
 def above_the_floor(discrepancy: Discrepancy) -> str:
@@ -59,7 +61,7 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
     """Effects found (good or look), unexplained joints (bad), and effects that were not testable (not done)."""
     return (
         *(_found(discrepancy, added) for added in discrepancy.added),
-        *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
+        *(_unexplained(discrepancy, joint) for joint, _ in discrepancy.unexplained),
         *(_not_learned(discrepancy, refused) for refused in discrepancy.refused if refused.description is not None),
         *_preexisting(discrepancy),
         *_lasting_floor(discrepancy),
@@ -68,10 +70,10 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
 
 
 def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
-    name, motions = upper(label(added.effect, added.joints)), distinguishing_motions(added)
+    name, motion = upper(label(added.effect, added.joints)), added.hypothesis.source.shown_by
     if impossible := below_zero(added):
         message = f"alone it would make {listed(impossible)} negative, which is impossible: a similar effect is present"
-        return Check(name, "look", message, f"{motions} would identify it")
+        return Check(name, "look", message, f"{motion} would identify it")
     changes, detail, n = bool(added.hypothesis.changes), added.hypothesis.source.phrase.detail, len(discrepancy.before)
     parts = [_change(added, n) if changes else _need(added, n)]
     if added.description is not None:
@@ -88,14 +90,16 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
         parts.append(f"Probability: {this} this effect, {none} no effect, {other} another effect.")
     if alike:
         parts.append(f"This log cannot distinguish it from {listed(alike, 'or')}.")
-    remedy = f"{motions} would distinguish them" if alike else ""
-    return Check(name, "look" if uncertain or alike else "good", " ".join(parts).removesuffix("."), remedy)
+    remedy = f"{motion} would distinguish them; `bayesid excite --for FOLDER` of this result designs one"
+    return Check(
+        name, "look" if uncertain or alike else "good", " ".join(parts).removesuffix("."), remedy if alike else ""
+    )
 
 
 def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     assert refused.description is not None
-    learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
-    message = f"{learned} was not added: {data_in_words(discrepancy)} did not confirm it"
+    learned = f"a function learned in {joints_in_words(refused.joints)} was not added"
+    message = f"{learned}: {data_in_words(discrepancy)} did not confirm it. It {refused.description.sentence}"
     return Check("Learned function", "look", message, f"{refused.hypothesis.source.shown_by} would show it")
 
 
@@ -117,20 +121,13 @@ def equivalents(added: AddedEffect, called: Callable[[str], str]) -> list[str]:
     return [*map(called, added.equivalent), *rows]
 
 
-def distinguishing_motions(added: AddedEffect) -> str:
-    """Motions that distinguish an effect from its equivalents."""
-    names = (*added.equivalent, *(name for name, _ in added.elsewhere))
-    kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in names)]
-    return ", or ".join(dict.fromkeys(kinds))
-
-
 def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else percent(share, 0)
 
 
 def data_in_words(discrepancy: Discrepancy) -> str:
     """The data for scoring."""
-    return "the held-back blocks" if discrepancy.holdout.startswith("stretches ") else "the holdout"
+    return "the held-back blocks" if discrepancy.holdout.startswith("held-back blocks ") else HOLDOUT
 
 
 def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
@@ -138,12 +135,22 @@ def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
     return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
 
 
-def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
+def over_the_floor(discrepancy: Discrepancy, joint: int) -> tuple[float, str]:
+    """Ratio of an unexplained joint's residual to the noise floor, as in the table of gaps if held-back data show it.
+
+    Otherwise that on the log. Also names the data.
+    """
+    shown_on = discrepancy.unexplained_on[joint]
+    if ON_LOG in shown_on and HELD_BACK not in shown_on:
+        return dict(discrepancy.unexplained)[joint], "the log"
+    return float(discrepancy.after[joint - 1] / discrepancy.floor.rms[joint - 1]), data_in_words(discrepancy)
+
+
+def _unexplained(discrepancy: Discrepancy, joint: int) -> Check:
     shown_on, data, reasons = discrepancy.unexplained_on[joint], data_in_words(discrepancy), list[str]()
     if ON_LOG in shown_on or HELD_BACK in shown_on:
-        reasons.append(
-            f"its residual on {'the log' if ON_LOG in shown_on else data} is {rounded(ratio, 2)} times the noise floor"
-        )
+        ratio, where = over_the_floor(discrepancy, joint)
+        reasons.append(f"its residual on {where} is {rounded(ratio)} times the noise floor")
         for shown in (excess for excess in discrepancy.where if excess.joint == joint):
             (low, high), unit = shown.range, unit_of(discrepancy, joint, shown.variable)
             reasons[-1] += f", largest over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
@@ -175,8 +182,9 @@ def _preexisting(discrepancy: Discrepancy) -> Iterator[Check]:
 
 
 def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
-    """Effects that the log could not show, each with the joints; no joints: the whole robot."""
-    grouped = groupby(sorted(discrepancy.not_testable), key=lambda pair: pair[0])
+    """Effects that the log could not show and that were not found, with their joints; no joints: the whole robot."""
+    found = {added.hypothesis.key for added in discrepancy.added}
+    grouped = groupby(sorted(set(discrepancy.not_testable) - found), key=lambda pair: pair[0])
     return [(effect, tuple(sorted({j for _, joints in group for j in joints}))) for effect, group in grouped]
 
 
@@ -187,8 +195,8 @@ def _not_testable(discrepancy: Discrepancy) -> Iterator[Check]:
     if by_joints:
         places = [f" in {joints_in_words(joints)}" if joints else "" for joints in by_joints]
         parts = [f"{listed(names, 'or')}{place}" for names, place in zip(by_joints.values(), places, strict=True)]
-        message = f"At their usual size this log could not show {'; '.join(parts)}"
-        yield Check("Not testable", "not done", message, "record the motions that the report names")
+        message = f"This log cannot show the following effects, if they have their usual size: {'; '.join(parts)}"
+        yield Check("Not testable", "not done", message, "record a motion of the last table")
 
 
 # ---- Numbers of an effect in readable units ----

@@ -182,7 +182,7 @@ def validation(findings: ReportData) -> Check:
         f"relative residual {percent(share.min(), 1)} to {percent(share.max(), 1)} per joint on {prediction.source}"
     )
     message += f" (good: up to {percent(REGRESSION.poor_fit)})" if poor else ""
-    message += f"; {percent(coverage.min(), 0)} to {percent(coverage.max(), 0)} of the efforts lie in the 95 % bands"
+    message += f"; {percent(coverage.min(), 1)} to {percent(coverage.max(), 1)} of the efforts lie in the 95 % bands"
     message += "" if covered else f" (good: {100.0 * low:g} to {percent(high)})"
     left_out = sorted(set(range(len(prediction.relative_residual))) - set(compared.tolist()))
     if left_out:
@@ -198,6 +198,10 @@ def validation(findings: ReportData) -> Check:
         joint = compared[ratio.argmax()] + 1
         message += f"; RMS error of joint {joint} {rounded(ratio.max())} times that of the identification's log"
         message += f" (good: up to {TUNING.worse:g})"
+    cautious = low <= coverage.min() and np.all(ratio <= TUNING.worse)
+    if cautious and not covered:
+        message += ": the bands are cautious, wider than this log needs"
+        return Check(name, "look", message, "use them as they are, or identify both logs together")
     if alike:
         return Check(name, "look", message, "record a log in which these joints move and have efforts")
     return Check(name, "look", message, f"compare load, speed and temperature of both logs; {lacks}")

@@ -46,8 +46,6 @@ class Tuning:
     # Verdicts of a discrepancy
     joints_named: int = 3
     """Joints whose gaps are named in one line."""
-    effects_named: int = 3
-    """Effects named in the first line of a discrepancy."""
     sure: float = 0.9
     """Probability of an effect below which the probability is stated."""
     set_listed: float = 0.01

@@ -123,7 +123,7 @@ def test_held_back_blocks_do_not_affect_the_selection(healthy):
     assert odd.scores[0].gain == pytest.approx(plain.scores[0].gain, rel=0.3)
     assert ("joint_spring", (2,)) in odd.vetoed
     assert np.all(odd.before > 2.0 * plain.before)
-    assert plain.holdout == "stretches 3 and 6 of 8 of log2"
+    assert plain.holdout == "held-back blocks 3 and 6 of 8 of log2"
 
 
 def test_effects_that_a_log_cannot_show_are_not_testable(healthy):

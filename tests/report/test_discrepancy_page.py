@@ -7,7 +7,7 @@ from made_discrepancy import COULOMB, NOISE, NOTHING, PREDICTED_AFTER, PREDICTED
 from test_discrepancy_verdicts import BODY, DRIFT, OWN, partly_explained
 
 from bayesid.effects.bodies import Payload
-from bayesid.effects.drive import TorqueOffset
+from bayesid.effects.friction import CoulombFriction
 from bayesid.report.brief import in_brief
 from bayesid.report.discrepancy import discrepancy_checks
 from bayesid.report.pages.discrepancy_page import discrepancy_page
@@ -82,7 +82,7 @@ def test_the_table_of_effects_has_bodies_changes_and_what_is_unknown():
     unknown = found(friction(), {"Fc2": (np.nan, np.nan, "N m")}, equivalent=["torque_offset"])
     page, text = page_of(make(added=(unknown, found(Payload()))))
     assert "unknown N&nbsp;m" in text
-    assert TorqueOffset.shown_by in text
+    assert CoulombFriction.shown_by in text
     assert page.table("Effects that were added")[2][2] == []
 
 

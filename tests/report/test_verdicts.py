@@ -183,10 +183,10 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", by_factor(2.0), "common factor of the gains|8 of 8|8 are smaller"),
     ],
     "Validation": [
-        ("good", GOOD, "another.csv|3.1|3.2|93|94"),
+        ("good", GOOD, "another.csv|3.1|3.2|93.0|93.5"),
         ("not done", replace(GOOD, prediction=None), ""),
         ("look", predicted(coverage=[0.89, 0.95]), "89|95|good: 90 to 99 %"),
-        ("look", predicted(coverage=[0.95, 1.0]), "95|100"),
+        ("look", predicted(coverage=[0.95, 0.996]), "95.0 % to 99.6 %|cautious"),
         (
             "look",
             predicted(rms_error=[0.38, 0.3]),

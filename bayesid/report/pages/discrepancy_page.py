@@ -31,11 +31,13 @@ from bayesid.report.comparison import (
 from bayesid.report.comparison import columns as change_columns
 from bayesid.report.comparison import in_brief as changes_in_brief
 from bayesid.report.discrepancy import (
+    HOLDOUT,
+    data_in_words,
     discrepancy_checks,
     discrepancy_conclusion,
-    distinguishing_motions,
     equivalents,
     listed_sets,
+    over_the_floor,
     parameter_text,
     set_in_words,
     testable_groups,
@@ -53,10 +55,10 @@ from bayesid.report.plot.discrepancy import (
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, form_label, joints_in_words, label, score_label, unit_of
 
-_SHOWN_ON = {ON_LOG: "on the log", HELD_BACK: "on the held-back data", GROWN: "gap grew"}
-"""Data that show an unexplained joint, in a cell."""
 _WORDS = {"good": "found", "look": "look", "bad": "unexplained", "not done": "not testable"}
 """States of checks."""
+_PLACES = {"Unexplained": "where", "Learned function": "left-out", "Noise floor": "gap", "Not testable": "not-testable"}
+"""Sections with more on a check."""
 
 
 @one_at_a_time
@@ -81,20 +83,23 @@ def _sections(discrepancy: Discrepancy) -> list[html.Section]:
 
 def _verdicts(discrepancy: Discrepancy) -> list[Markup]:
     checks = discrepancy_checks(discrepancy)
-    return [html.lights(checks, _WORDS, {})] if checks else []
+    return [html.lights(checks, _WORDS, _PLACES)] if checks else []
 
 
 def _gaps(discrepancy: Discrepancy) -> list[Markup]:
     floor, before, after = discrepancy.floor, discrepancy.before, discrepancy.after
-    ratios = dict(discrepancy.unexplained)
+    unexplained, data = dict(discrepancy.unexplained), data_in_words(discrepancy)
+    shown_on = {ON_LOG: "on the log", HELD_BACK: f"on {data}", GROWN: f"gap grew on {data}"}
     rows = []
     for j, joint in enumerate(range(1, len(before) + 1)):
         lasts = "; mostly correlated: model error or filtered noise" if floor.lasting[j] else ""
         origin = f"{floor.origin[j]}{'' if floor.sharp[j] else ' (a lower bound)'}{lasts}"
         remark = html.NONE
-        if joint in ratios:
-            which = ", ".join(_SHOWN_ON[data] for data in discrepancy.unexplained_on.get(joint, ()))
-            remark = Markup("unexplained: {} times the floor ({})").format(html.number(ratios[joint]), which)
+        if joint in unexplained:
+            which = ", ".join(shown_on[kind] for kind in discrepancy.unexplained_on.get(joint, ()))
+            ratio, where = over_the_floor(discrepancy, joint)
+            on_log = Markup(" ({} times the floor)").format(html.number(ratio)) if where == "the log" else ""
+            remark = Markup("unexplained {}{}").format(which, on_log)
         unit = unit_of(discrepancy, joint)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
@@ -114,9 +119,17 @@ def _found(discrepancy: Discrepancy) -> list[Markup]:
         return [html.paragraph("No effect was added.")]
     caption = (
         "Effects that were added, in this order, each given all others. A log10 Bayes factor of 2: the log is 100 "
-        "times likelier with the effect. Fits equally well: an effect that this log cannot distinguish from it."
+        "times likelier with the effect. Fits equally well: effects that this log cannot distinguish from it; the "
+        "first probability is of it or of one of these."
     )
-    headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability of it", "Of no effect"]
+    headings = [
+        "Effect",
+        "Joints",
+        "Parameters",
+        "log10 Bayes factor",
+        "Probability of it or its equals",
+        "Of no effect",
+    ]
     headings += ["Of another effect", "Fits equally well", "Motion that distinguishes"]
     parts = [html.table(caption, headings, map(_added, discrepancy.added))]
     pictures = []
@@ -128,16 +141,20 @@ def _found(discrepancy: Discrepancy) -> list[Markup]:
             pictures.append(html.picture(figure, f"learned{joint}", below))
     parts += [html.figures(pictures)] if pictures else []
     if sizes := [row for effect in discrepancy.added for row in _sizes(discrepancy, effect)]:
-        caption = (
-            f"Size of each effect on {discrepancy.holdout}: its effort, and the RMS error without it (the others "
-            "fitted again) and with it, each in the joint where it is largest."
-        )
-        headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest effort, share", "Error without it"]
-        headings += ["Share of RMS effort", "Error with it", "Share of RMS effort"]
+        caption = f"Effort of each effect on {discrepancy.holdout}, in the joint where it is largest."
+        headings = ["Effect", "In joint", "Largest effort", "Share", "RMS effort"]
         parts.append(html.table(caption, headings, sizes))
+    if costs := [row for effect in discrepancy.added for row in _costs(discrepancy, effect)]:
+        caption = (
+            f"RMS error on {discrepancy.holdout} without each effect (the others fitted again) and with it, in the "
+            "joint where it rises most relative to the joint's RMS effort. Shares are of this effort."
+        )
+        headings = ["Effect", "In joint", "Error without it", "Share", "Error with it", "Share"]
+        parts.append(html.table(caption, headings, costs))
     sets = [(set_in_words(each), html.probability(each.probability)) for each in listed_sets(discrepancy)]
     if len(sets) > 1:
-        caption = "Sets of effects that predict the held-back data equally well, and their probabilities given the log."
+        data = data_in_words(discrepancy)
+        caption = f"Sets of effects that predict {data} equally well, and their probabilities given the log."
         parts.append(html.table(caption, ["Set", "Probability"], sets))
     return parts
 
@@ -151,7 +168,7 @@ def _added(effect: AddedEffect) -> tuple[str, ...]:
         html.number(effect.log10_bayes_factor),
         *map(html.probability, (effect.probability, effect.nothing_missing, effect.something_else)),
         alike,
-        distinguishing_motions(effect) if alike else "",
+        effect.hypothesis.source.shown_by if alike else "",
     )
 
 
@@ -173,28 +190,31 @@ def _parameters(effect: AddedEffect) -> str:
 
 
 def _sizes(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str, ...]]:
-    size, cost = effect.size, effect.cost
-    if size is not None and cost is not None:
-        of_effort, of_error = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
-        yield (
-            *(_name(effect.hypothesis), _joints(effect.joints)),
-            *(html.number(size.largest, of_effort), html.number(size.rms, of_effort)),
-            Markup("{} of joint {}'s {}").format(html.share(size.share), size.joint, size.of),
-            html.number(cost.before, of_error),
-            Markup("{} in joint {}").format(html.share(cost.share_before), cost.joint),
-            *(html.number(cost.after, of_error), html.share(cost.share_after)),
-        )
+    if (size := effect.size) is not None:
+        unit = unit_of(discrepancy, size.joint)
+        share = Markup("{} of its {}").format(html.share(size.share), size.of)
+        yield (_of_joints(effect), str(size.joint), html.number(size.largest, unit), share, html.number(size.rms, unit))
+
+
+def _costs(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str, ...]]:
+    if (cost := effect.cost) is not None:
+        unit, shares = unit_of(discrepancy, cost.joint), (cost.share_before, cost.share_after)
+        without, with_it = (html.number(error, unit) for error in (cost.before, cost.after))
+        of_effort = [html.share(share) for share in shares]
+        yield (_of_joints(effect), str(cost.joint), without, of_effort[0], with_it, of_effort[1])
 
 
 def _where(discrepancy: Discrepancy) -> list[Markup]:
+    data = data_in_words(discrepancy)
     if not discrepancy.where:
         plain = "In no joint is the residual significantly above the noise floor."
         if discrepancy.added:
-            plain += " The added effects are visible in the shape of the residual and on the held-back data."
+            plain += f" The added effects are visible in the shape of the residual and on {data}."
         elif discrepancy.unexplained:
-            plain += " The held-back data show that an effect is missing."
+            plain += f" The residual on {data} shows that an effect is missing."
         return [html.paragraph(plain)]
     rows, drawn = [], []
+    without = "" if data == HOLDOUT else f" without {data}"
     for excess in discrepancy.where:
         (low, high), unit = excess.range, unit_of(discrepancy, excess.joint, excess.variable)
         size = html.number(excess.excess, unit_of(discrepancy, excess.joint))
@@ -204,8 +224,9 @@ def _where(discrepancy: Discrepancy) -> list[Markup]:
         alt = f"{below} Earlier model and extended model."
         drawn.append(html.picture(residual_figure(discrepancy, excess.joint), f"residual{excess.joint}", below, alt))
     caption = (
-        "Joints in which the earlier model exceeds the noise floor on the whole log (RMS), and the variable over which "
-        "the residual varies most. Load: the effort of the model."
+        f"Joints in which the earlier model exceeds the noise floor on the log{without}, its parameters adapted within "
+        "their uncertainty. Excess: root of the mean square residual less that of the floor. Variable: that over which "
+        "the residual varies most. Load: the model's effort in the joint."
     )
     note = "Points: samples, thinned. Lines: means with twice their standard error. Grey: noise floor."
     table = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
@@ -231,10 +252,13 @@ def _candidates(discrepancy: Discrepancy) -> list[Markup]:
     scores, needed = best_first(discrepancy.scores), discrepancy.thresholds.log10_bayes_factor
     if not scores:
         return [html.paragraph("No candidates were scored.")]
+    weighed = (*discrepancy.refused, *discrepancy.added)
+    given = {effect.hypothesis.key: effect.log10_bayes_factor for effect in weighed}
     places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added, start=1)}
     rows = [
         (
-            *(str(rank), _name(score.hypothesis), _joints(score.hypothesis.joints), html.number(score.gain / LN10)),
+            *(str(rank), _without_form(score.hypothesis), _joints(score.hypothesis.joints)),
+            *(html.number(score.gain / LN10), html.number(given.get(score.key, np.nan))),
             f"added as number {places[score.key]}" if score.key in places else _outcome(discrepancy, score),
         )
         for rank, score in enumerate(scores, start=1)
@@ -242,10 +266,11 @@ def _candidates(discrepancy: Discrepancy) -> list[Markup]:
     ]
     caption = (
         f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
-        "log10 Bayes factor is that of each effect alone, added to the earlier model. An effect is added if its factor "
-        f"given the other added effects is at least {needed:g}."
+        "log10 Bayes factor is that of each effect alone in its best form, added to the earlier model, and that given "
+        f"the other added effects. An effect is added if the latter is at least {needed:g} and "
+        f"{data_in_words(discrepancy)} confirm it."
     )
-    headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "Outcome"]
+    headings = ["Rank", "Effect", "Joints", "log10 Bayes factor alone", "Given the others", "Outcome"]
     below = f"The first {len(scores[: TUNING.bars])}, each alone; blue: added. Dashed: threshold."
     alt = f"Bars of log10 Bayes factors, as in the table; the largest: {score_label(scores[0])}."
     drawn = html.picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
@@ -266,7 +291,7 @@ def _left_out(discrepancy: Discrepancy) -> list[Markup]:
         learned = effect.description
         formula = "" if learned is None else f": {effect.formula}, {learned.sentence}"
         names.append(f"{label(effect.effect, effect.joints)}{formula}")
-    why = "They explain the log, but not the held-back data, or too little of the residual."
+    why = f"They explain the log, but not {data_in_words(discrepancy)}, or too little of the residual."
     return [html.paragraph(why), html.items(names)] if names else []
 
 
@@ -296,6 +321,14 @@ def _joints(joints: Sequence[int]) -> str:
 
 def _name(hypothesis: Hypothesis) -> str:
     return form_label(hypothesis.source.name, *(["changed"] if hypothesis.changes else []))
+
+
+def _of_joints(effect: AddedEffect) -> str:
+    return f"{_name(effect.hypothesis)}{f', {joints_in_words(effect.joints)}' if effect.joints else ''}"
+
+
+def _without_form(hypothesis: Hypothesis) -> str:
+    return form_label(hypothesis.effect, *(["changed"] if hypothesis.changes else []))
 
 
 @one_at_a_time

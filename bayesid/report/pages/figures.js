@@ -297,6 +297,7 @@
       const alpha = Array.isArray(mark.alpha) ? Math.max(...mark.alpha) : (mark.alpha ?? 1);
       swatch.style.color = mark.colour === GREY ? "var(--soft)" : mark.colour;
       swatch.style.setProperty("--strength", `${100 * alpha}%`);
+      if (mark.width) swatch.style.setProperty("--width", `${Math.max(1.5, mark.width)}px`);
       entry.append(mark.label);
     }
   };
