@@ -11,11 +11,16 @@ from bayesid.number_text import percent, quantity
     ("number", "text"),
     [
         ((1.94, 0.12, "N m"), "1.94 +- 0.12 N m"),
-        ((-0.04, 0.2, "m"), "0.0 +- 0.2 m"),  # no sign of a rounded zero
-        ((-0.06, 0.2, "m"), "-0.1 +- 0.2 m"),
+        ((-0.04, 0.4, "m"), "0.0 +- 0.4 m"),  # no sign of a rounded zero
+        ((-0.06, 0.4, "m"), "-0.1 +- 0.4 m"),
+        ((3.1497, 0.00354, "kg m"), "3.1497 +- 0.0035 kg m"),  # PDG: 354 and 355, 949 and 950
+        ((3.1497, 0.00355, "kg m"), "3.150 +- 0.004 kg m"),
+        ((2.34, 0.949, ""), "2.3 +- 0.9"),
+        ((2.34, 0.951, ""), "2.3 +- 1.0"),
+        ((234.0, 97.0, ""), "234 +- 97"),
         ((0.069, 0.004, "1"), "0.069 +- 0.004"),  # a dimensionless number has no unit
         ((0.069, math.nan, "1"), "0.0690"),
-        ((2e7, 3e5, "1/rad"), "(2.00 +- 0.03)e7 1/rad"),
+        ((2e7, 3e5, "1/rad"), "(2.000 +- 0.030)e7 1/rad"),
     ],
 )
 def test_a_deviation_sets_the_digits_and_one_is_no_unit(number, text):

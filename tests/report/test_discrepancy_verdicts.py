@@ -56,12 +56,12 @@ def line(result, name):
 def test_numbers_keep_the_digits_that_are_known():
     for value, sd, unit, text in (
         (1.9, 0.1, "N m", "1.90 +- 0.10 N m"),
-        (1.9, 0.31, "N m", "1.9 +- 0.3 N m"),
+        (1.9, 0.31, "N m", "1.90 +- 0.31 N m"),
         (1.9, np.nan, "N m", "1.90 N m"),
-        (-0.0431, 0.00096, "rad", "-0.043 +- 0.001 rad"),
+        (-0.0431, 0.00096, "rad", "-0.0431 +- 0.0010 rad"),
         (123.4, 20.0, "", "123 +- 20"),
         (2.5e-6, 1.2e-7, "kg m^2", "(2.50 +- 0.12)e-6 kg m^2"),
-        (0.0, 0.02, "N m", "0.00 +- 0.02 N m"),
+        (0.0, 0.02, "N m", "0.000 +- 0.020 N m"),
         (np.nan, np.nan, "N m", "unknown N m"),
         (3.0, 0.0, "s", "3.00 s"),
     ):
@@ -77,11 +77,11 @@ FOUND = [
     (found(friction(), FRICTION), "good", ["Joint 2", "Coulomb friction", "1.90 +- 0.10 N m"]),
     (found(CoulombFriction(joints=(1, 2), smoothing=(0.1, 0.1)), FRICTION), "good", ["Joints 1 and 2", "Fc", "1.90"]),
     (found(Payload(), {"mp3": (2.5, 0.04, "kg")}), "good", ["payload", "2.50 +- 0.04 kg"]),
-    (found(BaseTilt(angle=(0.02, -0.01)), TILT), "good", ["1.50 +- 0.02 degrees", "-0.500 degrees"]),
-    (found(Delay(lag=(0.004,)), {"lag": (0.004, 3e-4, "s")}), "good", ["All joints", "lag 4.0 +- 0.3 ms"]),
-    (found(Delay(joints=(2,), lag=(0.0,)), {"lag2": (-0.004, 3e-4, "s")}), "good", ["4.0 +- 0.3 ms", "ahead"]),
+    (found(BaseTilt(angle=(0.02, -0.01)), TILT), "good", ["1.500 +- 0.020 degrees", "-0.500 degrees"]),
+    (found(Delay(lag=(0.004,)), {"lag": (0.004, 3e-4, "s")}), "good", ["All joints", "lag 4.00 +- 0.30 ms"]),
+    (found(Delay(joints=(2,), lag=(0.0,)), {"lag2": (-0.004, 3e-4, "s")}), "good", ["4.00 +- 0.30 ms", "ahead"]),
     (found(Delay(lag=(-0.004,))), "good", ["All joints'", "0.00400", "ahead"]),
-    (found(GainError(joints=(1,), gain=(0.9,)), {"gain1": (0.9, 0.02, "1")}), "good", ["10 +- 2 %", "too small"]),
+    (found(GainError(joints=(1,), gain=(0.9,)), {"gain1": (0.9, 0.02, "1")}), "good", ["10.0 +- 2.0 %", "too small"]),
     (
         found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",)),
         "good",
@@ -102,9 +102,9 @@ FOUND = [
     (
         found(DRIFT, OWN | {"Fc2": (7.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")}),
         "good",
-        ["Joint 2", "9.1 -> 7.3 +- 0.5 N m", "0.8 +- 0.2 N m", "300 s"],
+        ["Joint 2", "9.1 -> 7.3 +- 0.5 N m", "0.80 +- 0.20 N m", "300 s"],
     ),
-    (PAYLOAD, "good", ["2.80 +- 0.04 kg", "xx 0.005 +- 0.002", "yy 0.0070 +- 0.0010", "xz 0.00040 +- 0.00010"]),
+    (PAYLOAD, "good", ["2.80 +- 0.04 kg", "xx 0.0050 +- 0.0020", "yy 0.0070 +- 0.0010", "xz 0.00040 +- 0.00010"]),
 ]
 
 
