@@ -21,6 +21,8 @@ from bayesid.motion import Motion
 
 _ZERO = 1e-9
 """Weights below this are zero; weights this close to a whole number or a length are equal to it."""
+_SHOWN = 1e-6
+"""Weight over the largest one of an expression below which a term is not written: below `TUNING.dependent`."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,8 @@ def _expression(weights: Array, labels: list[str], lengths: Mapping[str, float],
     text = ""
     for label, weight in _with_mass_sums(weights, labels, n_links):
         factor, negative = _factor_text(weight, symbols)
+        if factor[:1].isdigit() and abs(weight) < _SHOWN * np.abs(weights).max():
+            continue  # columns that differ by less than `TUNING.dependent` count as one; this is their difference
         text += (" - " if negative else " + ") + f"{factor} {label}".strip()
     return text[3:] if text.startswith(" + ") else f"-{text[3:]}"
 
@@ -165,4 +169,5 @@ def _factor_text(weight: float, symbols: list[tuple[str, float]]) -> tuple[str, 
     for name, value in symbols:
         if abs(abs(weight) - abs(value)) < _ZERO * max(1.0, abs(value)):
             return name, weight * value < 0
-    return f"{abs(weight):.6g}", weight < 0
+    digits = f"{abs(weight):.6g}"
+    return ("" if digits == "1" else digits), weight < 0

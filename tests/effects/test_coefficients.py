@@ -9,6 +9,7 @@ from oracles import assert_close, random_motion, random_table
 from bayesid.effects import STANDARD, RigidBody
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.model import Model
 from bayesid.robot import load_robot, robot_from_table
 
@@ -124,3 +125,11 @@ def test_a_payload_is_no_news_but_to_one_who_knew_the_robot_without_it(name):
     both = base_coefficients(whole, earlier=part)
     assert len(both) == r + own
     assert set(base_coefficients(part).names) <= set(both.names)
+
+
+def test_columns_that_are_nearly_one_leave_no_tiny_terms_in_expressions():
+    """Coulomb friction and the cold friction of thermal drift, at two slightly different standstill speeds."""
+    coulomb = CoulombFriction(smoothing=tuple(np.linspace(0.0084673, 0.02, 6).tolist()))
+    terms = (RigidBody(), coulomb, ThermalDrift(joints=(1,), smoothing=(0.0084657,), time=(6.0,)))
+    expressions = base_coefficients(Model(ROBOTS["ur10e"], terms)).expressions
+    assert [text for text in expressions if "Fcold1" in text] == ["Fc1 + Fcold1"]
