@@ -168,7 +168,8 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
     search, hidden = result.search, summary.hidden_joints > 0
     proof, seconds = verdicts.proof(summary), result.timings["search"]
     share = percent(result.persistent_share or 0.0, 1)
-    determined = f"; signs determined for {share} of the samples" if search.certified else ""
+    unique = search.certified and len(search.branches) == 1  # else the check states the share
+    determined = f"; signs determined for {share} of the samples" if unique else ""
     searched = f" ({summary.n_segments_searched} searched)" if hidden else ""
     return [
         f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments{searched}, "

@@ -17,7 +17,7 @@ from bayesid.number_text import percent, rounded
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.grading import graded
-from bayesid.report.report_data import ReportData
+from bayesid.report.report_data import VARIABLES, ReportData
 from bayesid.report.summary import CompletionSummary, Numbers, Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import joints_in_words, label, listed
@@ -139,10 +139,23 @@ def whiteness(findings: ReportData) -> Check:
     message = (
         f"up to {percent(lasting.max(), 0)} of the residual variance is correlated in time (joint {joint + 1}): "
         f"{effective:,.0f} effective samples for {count} coefficients (good: from {limits[0]:,.0f}); "
-        "the intervals account for it"
+        f"the intervals account for it; {_largest_mean(findings)}"
     )
     remedy = "the log is too short for reliable intervals: record a longer one, or join several"
     return graded("Whiteness of the residual", effective, limits, message, remedy)
+
+
+def _largest_mean(findings: ReportData) -> str:
+    """The joint with the largest mean residual over an interval of time, velocity or position, over its RMS effort."""
+    samples, largest = findings.samples, []
+    for j, used in enumerate(samples.used.T):
+        means = [findings.trend(j, variable)[1] for variable in VARIABLES]
+        mean = max((float(np.abs(mean).max(initial=0.0)) for mean in means), default=0.0)
+        rms = float(np.sqrt(np.mean(samples.signed[used, j] ** 2))) if used.any() else 0.0
+        largest.append((mean / max(rms, TINY), mean, j))
+    share, mean, j = max(largest)
+    reached = f"{rounded(mean, 2)} {findings.effort_unit[j]} in joint {j + 1}, {percent(share)} of its RMS effort"
+    return f"local means of the residual reach {reached}"
 
 
 def decided(findings: ReportData) -> Check:
@@ -151,10 +164,14 @@ def decided(findings: ReportData) -> Check:
     by_data, poor = int(table.by_data.sum()), int((findings.sd_apart > TUNING.poorly_known * np.abs(table.mean)).sum())
     gains = findings.summary.gains
     apart = "apart from the common factor of the gains, " if gains is not None and gains.sd_of_coefficients else ""
+    good = percent(TUNING.decided, 0)
     message = (
-        f"{apart}the data determine {by_data} of {count} coefficients; {poor} are smaller than their standard "
-        f"deviation; {len(findings.prior_parameters)} individual parameters are not identifiable"
+        f"{apart}the data determine {by_data} of {count} coefficients (good: from {good}); {poor} are smaller than "
+        f"their standard deviation; {len(findings.prior_parameters)} individual parameters are not identifiable"
     )
+    if on_edge := findings.summary.fit.links_on_edge:
+        links = joints_in_words(on_edge).replace("joint", "link", 1)
+        message += f"; do not use individual parameters of {links} (at the edge of physical feasibility)"
     remedy = f"{commands.excite(findings.summary)} designs a better motion; or state known parameters by --nominal"
     posterior = findings.summary.posterior
     if posterior is not None and posterior.active_bounds:

@@ -27,6 +27,9 @@ from bayesid.report.summarise import summarise
 from bayesid.report.summary import Summary, filled
 from bayesid.report.tuning import TUNING
 
+VARIABLES = ("t", "velocity", "position")
+"""Variables of the x axis of a residual, as in `Samples`."""
+
 
 @dataclass(frozen=True)
 class Samples:

@@ -96,8 +96,9 @@ def _segments(findings: ReportData) -> Check:
         return Check(name, "good", "all signs were known")
     doubtful, moving = int((segments.ambiguous & segments.moving).sum()), int(segments.moving.sum())
     message = (
-        f"the sign is at least {percent(SURE, 0)} certain for {percent(share, 1)} of the |effort|; {doubtful} of "
-        f"{moving} segments in motion are ambiguous (confidence below {TUNING.ambiguous:g})"
+        f"the sign is at least {percent(SURE, 0)} certain for {percent(share, 1)} of the |effort| (good: from "
+        f"{percent(TUNING.mostly_sure, 0)}); {doubtful} of {moving} segments in motion are ambiguous (confidence below "
+        f"{TUNING.ambiguous:g})"
     )
     remedy = "move these joints faster or with a load, join several logs, or validate on a log with known signs"
     found = graded(name, share, (TUNING.mostly_sure, TUNING.unsure), message, remedy)
@@ -135,11 +136,12 @@ def proof(summary: Summary) -> Check:
         if not others:
             message = f"proven: every alternative is at least {np.exp(0.5 * within):.0f} times less likely"
             return Check(name, "good", message)
-        agreed = search.persistent_share or 0.0
-        odds = np.exp(0.5 * within)
-        likely = f"{counted(others, 'alternative')} of the strong segments at most {odds:.0f} times less likely"
-        undetermined = f"{percent(1.0 - agreed, 1)} of the samples have no determined sign ({likely})"
-        message = f"proven: no assignment costs less, but {undetermined}"
+        agreed, limit = search.persistent_share or 0.0, percent(1.0 - TUNING.mostly_sure, 0)
+        likely = (
+            f"{counted(others, 'alternative')} of the strong segments at least 1/{np.exp(0.5 * within):.0f} as likely"
+        )
+        undetermined = f"{percent(1.0 - agreed, 1)} of the samples in motion have no determined sign"
+        message = f"best assignment proven, but not unique: {undetermined} (good: up to {limit}), {likely}"
         return graded(name, agreed, (TUNING.mostly_sure, 0.0), message, ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"

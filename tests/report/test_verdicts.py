@@ -74,6 +74,15 @@ def without_effort(*joints):
     return predicted(**values)
 
 
+def pushed(joint, share):
+    """A joint's residual is this share of its RMS effort in one fifth of the time, and zero elsewhere."""
+    samples = GOOD.samples
+    size = share * np.sqrt(np.mean(samples.signed[samples.used[:, joint], joint] ** 2))
+    residual = np.zeros_like(samples.residual)
+    residual[samples.t > 0.8 * samples.t[-1], joint] = -size
+    return replace(GOOD, samples=replace(samples, residual=residual))
+
+
 def lasting(share, effective):
     """Of joint 2's variance of the residual, and so many samples of each joint that are left then."""
     sd = np.array(GOOD.summary.noise.sd)
@@ -125,7 +134,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", GOOD, ""),
         ("good", SIGNED, ""),
         ("good", search(assignments=4, persistent_share=0.97), "3 alternatives|3.0 %"),
-        ("look", search(assignments=4, persistent_share=0.9), "3 alternatives|10.0 %"),
+        ("look", search(assignments=4, persistent_share=0.9), "3 alternatives|10.0 %|1/992"),
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, uncertified_because="tikhonov"), "not proven"),
         ("bad", posterior(posterior_conflict=0.83), "83"),
@@ -172,6 +181,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", lasting(0.8, 12.0), "80 %|joint 2|24 effective|8 coefficients"),  # intervals allow for it
         ("look", lasting(0.8, 11.0), "22 effective"),
         ("bad", lasting(0.8, 3.0), "6 effective"),
+        ("good", pushed(joint=1, share=0.5), "joint 2, 50 % of its RMS effort"),
     ],
     "Data or prior": [
         ("good", decided(8), "8|1|3"),

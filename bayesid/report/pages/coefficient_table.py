@@ -10,7 +10,7 @@ from bayesid.number_text import percent, quantity
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.report.pages import rendering as html
 from bayesid.report.report_data import CoefficientTable, ReportData
-from bayesid.report.words import listed, meaning
+from bayesid.report.words import joints_in_words, meaning
 
 
 def coefficient_parts(findings: ReportData) -> list[Markup]:
@@ -30,24 +30,24 @@ def coefficient_parts(findings: ReportData) -> list[Markup]:
                 html.data(relative_sd[k], _percent(relative_sd[k])),
                 interval if known else html.NONE,
                 *([_nominal(found.nominal[k], mean)] if nominal else []),
-                "data" if found.by_data[k] else Markup("<strong>prior</strong>"),
+                "no" if found.by_data[k] else Markup("<strong>yes</strong>"),
                 _bar(*(float(values[k]) for values in found.bar)),
                 Markup('<span class="expression">{}</span>').format(html.typeset(_meaning(found, k))),
             )
         )
     fixed = ", common factor fixed" if findings.summary.gains is not None else ""
     headings = ["Name", f"Value and sd{fixed}", f"Relative sd{fixed}", "95 % interval"]
-    headings += [*(["Nominal"] if nominal else []), "Decided by", "Scaled", "Meaning"]
+    headings += [*(["Nominal"] if nominal else []), "Prior matters", "Scaled", "Meaning"]
     names = ", ".join(findings.prior_parameters)
     by_prior = html.paragraph(
         f"Individual parameters that are not identifiable (the prior decides them): {names}.", note=True
     )
     notes = [by_prior] if names else []
     if on_edge := findings.summary.fit.links_on_edge:
-        links = f"link{'s' * (len(on_edge) > 1)} {listed([str(link) for link in on_edge])}"
+        links = joints_in_words(on_edge).replace("joint", "link", 1)
         note = (
-            f"Do not use individual parameters of {links}: the edge of physical feasibility decides them. Coefficients "
-            "and predicted efforts are not affected."
+            f"Do not use individual parameters of {links}. The fit places such a link's mass in a plane, a line or a "
+            "point: this is the edge of physical feasibility. Coefficients and predicted efforts are not affected."
         )
         notes.append(html.paragraph(note, note=True))
     return [html.table(_caption(nominal, bool(fixed)), headings, rows), *notes]
@@ -58,8 +58,8 @@ def _caption(nominal: bool, gains: bool) -> str:
     text = (
         "Base coefficients: the combinations of parameters that act on the efforts. Of link 2, J2xx is an inertia "
         "about the origin of its frame, mc2x a first moment (mass times centre of mass), m2 the mass. M2 is the mass "
-        "of links 2 to the last; a2 and d2 are lengths of the robot file. Decided by data: the log, not the prior, "
-        f"gives at least {percent(1.0 - POSTERIOR.of_prior, 0)} of the precision. Scaled by the coefficient's size: "
+        "of links 2 to the last; a2 and d2 are lengths of the robot file. Prior matters: it gives more than "
+        f"{percent(POSTERIOR.of_prior, 0)} of the precision. Scaled by the coefficient's size: "
         f"bar, mean; line, 95 % interval{tick}."
     )
     common = " The intervals include the common factor of the gains, the standard deviations do not."

@@ -22,7 +22,6 @@ from bayesid.report.pages.coefficient_table import coefficient_parts
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
 from bayesid.report.plot.identification import (
-    VARIABLES,
     alternatives_figure,
     autocorrelation_panel,
     residual_panel,
@@ -30,7 +29,7 @@ from bayesid.report.plot.identification import (
     validation_panel,
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
-from bayesid.report.report_data import Alternatives, ReportData, SegmentTable, report_data
+from bayesid.report.report_data import VARIABLES, Alternatives, ReportData, SegmentTable, report_data
 from bayesid.report.summary import PosteriorSummary, Summary, shown_rows
 from bayesid.report.tables import (
     CONSTRAINT_HEADINGS,
@@ -170,7 +169,12 @@ def _doubts(findings: ReportData) -> list[Markup]:
         for k in largest
     ]
     which = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
-    caption = f"{which} in motion with an ambiguous sign, by their largest |effort|; the fit averages over both signs."
+    averaged = "" if findings.summary.posterior is None else "; the posterior averages over both signs"
+    caption = (
+        f"{which} in motion with an ambiguous sign, by their largest |effort|{averaged}. "
+        "A sign is determined if the search proves it, certain if the posterior gives it at least "
+        f"{percent(SURE, 0)}, ambiguous if the confidence of its segment is below {TUNING.ambiguous:g}."
+    )
     headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's maximum"
     table = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
     still = int((segments.ambiguous & ~segments.moving).sum())
@@ -251,9 +255,11 @@ def _limits(posterior: PosteriorSummary) -> str:
 
 def _residuals(findings: ReportData) -> list[Markup]:
     note = (
-        "Recorded effort, with its sign, minus the model's. Blue points: samples, thinned. Orange lines: means with "
-        "twice their standard errors; where they differ from zero, the model lacks an effect. Grey band: 95 % of the "
-        "autocorrelations of white noise lie in it; outside, neighbouring residuals are correlated."
+        "Recorded effort, with its sign, minus the model's. Blue points: samples, thinned. Orange lines: local means "
+        "with twice their standard errors; where they differ from zero, the model has a systematic error. Tolerance: "
+        f"a relative residual of {percent(IDENTIFICATION.suspicious, 0)} per joint (check Fit); the intervals account "
+        "for the error. Grey band: 95 % of the autocorrelations of white noise lie in it; outside, neighbouring "
+        "residuals are correlated."
     )
     pictures = []
     for joint in range(1, findings.n_joints + 1):
@@ -281,13 +287,26 @@ def _proof(findings: ReportData) -> list[Markup]:
         cheapest = "" if shown == count - 1 else f" (the {shown} cheapest are listed)"
         caption = (
             f"{counted(count - 1, 'alternative')} that the proof does not exclude{cheapest}, and the strong segments "
-            "in which they differ from the best assignment."
+            f"in which they differ from the best assignment.{_sums(findings)} Weaker segments without a determined "
+            "sign are not in this table; the check Proof counts all of them."
         )
         headings = ["Number", "Cost above the best", "Probability", "Flipped segments", "At"]
         parts.append(html.table(caption, headings, _others(findings)))
     elif search.certified:
         parts.append(html.paragraph("No other assignment of the strong segments (those with much energy) remains."))
     return parts
+
+
+def _sums(findings: ReportData) -> str:
+    """What the probabilities of assignments and of modes add up to."""
+    posterior, mass = findings.summary.posterior, findings.alternatives.mass
+    if posterior is None or posterior.assignments_elsewhere is None or np.isnan(mass).any():
+        return ""
+    return (
+        f" The probabilities of the best assignment ({mass[0]:.3f}), of all alternatives and of assignments outside of "
+        f"the list ({posterior.assignments_elsewhere:.3f}) sum to 1. Those of the modes (check Modes) also sum to 1: a "
+        "mode is a group of assignments between which the sampler moves."
+    )
 
 
 def _others(findings: ReportData) -> Iterator[tuple[str, ...]]:

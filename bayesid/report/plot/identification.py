@@ -13,7 +13,7 @@ from bayesid.arrays import Array
 from bayesid.identification.identification import Identification
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import chosen_joints, draw
-from bayesid.report.report_data import ReportData, read_report_data, report_data
+from bayesid.report.report_data import VARIABLES, ReportData, read_report_data, report_data
 from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Source = Identification | ReportData | str | Path
 """An identification, its findings, or its result folder."""
-VARIABLES = ("t", "velocity", "position")
-"""Variables of the x axis of a residual, as in `bayesid.report.report_data.Samples`."""
 
 
 def findings_of(result: Source) -> ReportData:
@@ -69,8 +67,8 @@ def torque_panel(findings: ReportData, joint: int, most: int = TUNING.curve) -> 
     hidden = joint not in findings.summary.signed_joints
     curves = [
         fig.Line(samples.t, samples.recorded[:, j], fig.INK, "recorded, without sign", 1.1, 0.9, "dotted"),
-        fig.Line(samples.t, samples.signed[:, j], fig.INK, "with signs" if hidden else "recorded", 1.6, 0.9),
-        fig.Line(samples.t, samples.predicted[:, j], fig.MAGENTA, "model", 1.0),
+        fig.Line(samples.t, samples.signed[:, j], fig.INK, "with signs" if hidden else "recorded", 2.0, 0.9),
+        fig.Line(samples.t, samples.predicted[:, j], fig.MAGENTA, "model", 0.7),
     ]
     lines = fig.thinned(curves if hidden else curves[1:], most)
     return _over_time(findings, joint, samples.t, [*_signs(findings, j), *lines])
@@ -215,7 +213,15 @@ def alternatives_figure(findings: ReportData) -> fig.Figure:
     marks: list[fig.Mark] = []
     if search.certified:
         within = search.optimality_gap or 0.0
-        marks.append(fig.Boxes(([within], [max(1.6 * within, 1.0)]), None, fig.INK, "all others", 0.18))
+        marks.append(
+            fig.Boxes(
+                ([within], [max(1.6 * within, 1.0)]),
+                None,
+                fig.INK,
+                f"all others: over {np.exp(0.5 * within):.0f} times less likely",
+                0.18,
+            )
+        )
         marks.append(fig.upright(within, width=1.2, style="dashed"))
     else:
         open_costs = [search.lower_bound - search.cost], [0.0]
