@@ -86,7 +86,7 @@ class Lines:
 
     def show(self, stage: str, done: int, total: int) -> None:
         """The progress of a stage."""
-        steps = ", done" if done == total else f", {done} of {total}" if done else ""
+        steps = ", done" if done == total else f", {done} of {total}" if total > 1 else ""
         self.write_line(f"{stage}{steps}")
 
     def write_line(self, words: str) -> None:

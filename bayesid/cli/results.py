@@ -103,7 +103,7 @@ def _validation_parts(result: Validation) -> list[RenderableType]:
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
-    return [table(headings, rows), f"the band includes {result.band}"]
+    return [table(headings, rows), f"95 % band: {result.band}"]
 
 
 def predict_command(options: argparse.Namespace) -> None:
@@ -130,9 +130,7 @@ def predict_command(options: argparse.Namespace) -> None:
     again = shlex.join(["bayesid", "validate", str(options.result), "RECORDED.csv"])
     last = f"written to {options.out}; next, with a recording of the motion: {again}"
     corrected = [f"positions read with --correct {correct}; efforts in order and directions of the robot file"]
-    finish(
-        options, table(headings, rows), f"the band includes {result.holds}", *(corrected if correct else []), last=last
-    )
+    finish(options, table(headings, rows), f"95 % band: {result.holds}", *(corrected if correct else []), last=last)
 
 
 def report_command(options: argparse.Namespace) -> None:

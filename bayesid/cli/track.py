@@ -123,7 +123,7 @@ def _replay(options: argparse.Namespace) -> None:
         NOTE,
         "",
         *_alarm_lines(result),
-        count_line(result.counts, result.figures, result.lag, result.bad),
+        count_line(result.counts, result.figures, result.lag, result.rate, result.bad),
         conclusion=conclusion,
         last=f"written to {folder}/",
     )
@@ -180,7 +180,7 @@ def _follow(options: argparse.Namespace) -> None:
     except _NobodyReadsError:
         raise BrokenPipeError from None
     if not options.quiet:
-        note(count_line(tracker.counts, figures, tracker.lag, reader.bad))
+        note(count_line(tracker.counts, figures, tracker.lag, rate, reader.bad))
         note(stream_conclusion(tracker.alarms, str(options.result), 0.0).sentence)
 
 

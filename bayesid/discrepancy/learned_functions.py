@@ -11,6 +11,7 @@ import numpy as np
 from bayesid.discrepancy.sets import EffectSet
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.progress import Steps, no_steps
 from bayesid.regression.selection.cross_validation import CrossValidation, confirms
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.learned import Finder, Learned
@@ -18,7 +19,7 @@ from bayesid.regression.selection.regression import Effects, explain
 
 
 def learn_effects(
-    state: EffectSet, log_prior: Callable[[Hypothesis], float]
+    state: EffectSet, log_prior: Callable[[Hypothesis], float], steps: Steps = no_steps
 ) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """Adds functions in joints that stay above the floor; also returns those that held-back data do not confirm.
 
@@ -26,9 +27,12 @@ def learn_effects(
     learned beside them and, if none helps, in their place; effects without which the prediction of held-back data is
     significantly better are refused. Several effects in a joint at the floor may also be substitutes: one function
     replaces them if it is more probable. `log_prior` is the log prior odds of an effect of the catalogue.
+    `steps` counts joints.
     """
     refused: list[tuple[EffectSet, Hypothesis]] = []
-    for joint in _above_floor(state):
+    joints = _above_floor(state)
+    for done, joint in enumerate(joints):
+        steps(done, len(joints))
         learned, rejected = _in_joint(state, joint)
         of_joint = state.in_joint(joint - 1)
         if of_joint and (learned is state or joint in _above_floor(learned)):

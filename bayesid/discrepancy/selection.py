@@ -90,8 +90,8 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     )
     stopped = sharp and sets.n_fitted > TUNING.most_sets
     minimal = _confirmed_sets(sets, best, progress) if sharp else [best]
-    with progress.stage("effects: learned functions"):
-        chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior)
+    with progress.stage("effects: learned functions") as steps:
+        chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior, steps)
     with progress.stage("effects: cost of each"):
         cost = costs(sets, chosen)
     passed = [*unconfirmed, *((among, effect) for among in (best, minimal[0]) for effect in among.effects)]

@@ -33,7 +33,7 @@ DESIGN_FILES = frozenset({DESIGN_MARKER, "trajectory.csv", "excitation.svg"})
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
 _COUNT = "as in the uncorrected log"
 _MODEL_COUNT = "this table, limits and --start as in the robot file"
-_RESOLVABILITY = "resolvability: twice the log odds against flipping all signs of the joint"
+_RESOLVABILITY = "resolvability: twice the natural log of the odds against flipping all signs of the joint"
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 
 
@@ -108,7 +108,7 @@ def _reached(motion: Motion) -> dict[str, Array]:
 def design_text(design: ExcitationDesign) -> str:
     """A table of the joints, figures at the start and reached, and coefficients that are not determined."""
     before, after, shares, names = design.start, design.reached, design.of_limits, design.coefficients.names
-    resolved = [f"{value:.3g}" for value in after.joints.resolvability[: design.motion.n_joints]]
+    resolved = [_resolved(value) for value in after.joints.resolvability[: design.motion.n_joints]]
     undecided, noise = [names[i] for i in design.undecided], percent(design.noise, 0)
     lines = [
         f"{design.model.robot.name}: {design.motion.t[-1]:g} s at {design.rate:g} Hz, "
@@ -143,7 +143,11 @@ def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequenc
 
 def _group(flips: JointFlips) -> str:
     group, cost = flips.groups[flips.weakest], flips.resolvability[flips.weakest]
-    return f"all signs of joint{'s' * (len(group) > 1)} {', '.join(str(j + 1) for j in group)} ({cost:.3g})"
+    return f"all signs of joint{'s' * (len(group) > 1)} {', '.join(str(j + 1) for j in group)} ({_resolved(cost)})"
+
+
+def _resolved(resolvability: float) -> str:
+    return "> 1000" if resolvability > 1000.0 else f"{resolvability:.3g}"
 
 
 def assessment_text(assessment: ExcitationAssessment) -> str:
@@ -160,7 +164,7 @@ def assessment_text(assessment: ExcitationAssessment) -> str:
             ),
             *(
                 percent(assessment.idle[j], 0),
-                f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known",
+                _resolved(of_joint[j,]) if (j,) in of_joint else "known",
                 percent(assessment.doubtful[j], 1),
             ),
         ]
@@ -171,7 +175,8 @@ def assessment_text(assessment: ExcitationAssessment) -> str:
         table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
         f"doubtful: expected energy with a wrong sign; both at a noise of {percent(assessment.noise, 0)}",
-        f"condition number {assessment.condition:.1f} with equal noise in all joints; `identify` estimates the noise",
+        f"condition number {assessment.condition:.1f}, with equal noise in all joints; that of `identify` weights "
+        "joints by their noise",
         *([] if flips is None else [f"lowest resolvability: {_group(flips)}"]),
         *(f"- {remark}" for remark in assessment.remarks),
     ]
@@ -356,6 +361,8 @@ def _of_goal(design: NextExperiment, names: Sequence[str]) -> Iterator[str]:
     sds = after.sd_now, after.sd, random.sd
     rows = [[after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in sds), after.units[k]] for k in most]
     yield table(["name", "value", "sd now", "sd after", "random motion", "unit"], rows)
+    if worse := [after.names[k] for k in most if after.sd[k] >= random.sd[k]]:
+        yield f"no better than the random motion: {', '.join(worse)}; try more --changes, or wider --limits"
 
 
 def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> Iterator[str]:

@@ -175,8 +175,8 @@ def _agreed(signs: Agreement, other: str) -> str:
     return f"{_percent(signs.share)} of the samples in motion have the sign of {other}; {certain}"
 
 
-def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0) -> str:
-    """Rows by what happened to them, and the time of an update."""
+def count_line(counts: Counts, figures: StreamFigures, lag: float, rate: float, bad: int = 0) -> str:
+    """Rows by what happened to them, and the time of an update against the period of the rows at a rate, Hz."""
     processed = f"{counts.updates:,} rows processed"
     if not counts.updates:
         return processed
@@ -192,6 +192,8 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
     parts = [processed, *(f"{count:,} {name}" for name, count in skipped.items() if count)]
     median, slow = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
     update = f"update time {median:.0f} microseconds (median), {slow:.0f} (99.9 % quantile)"
+    if slow > 1e6 / rate:
+        update += f", longer than the period of {1e6 / rate:.0f}"
     return f"{', '.join(parts)}; {update}; delay {lag:.3g} s"
 
 
@@ -219,7 +221,7 @@ def stream_conclusion(alarms: Sequence[Alarm], result: str, last: float, named: 
     command = shlex.join(["bayesid", "discrepancy", result, "ROWS.csv"])
     actions = []
     for k, alarm in enumerate(alarms):
-        remedy = "check what touched the robot"
+        remedy = "check what touched the robot, or whether the drives were switched off"
         if alarm.kind != CONTACT:
             remedy = (
                 f"track with --explain; or save the rows from {alarm.time:.2f} to {last:.2f} s as ROWS.csv and "

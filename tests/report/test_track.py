@@ -82,7 +82,11 @@ def test_missing_comparisons_and_counts_of_rows_are_reported():
     arguments = (None, "the log is too short", None), (none, "done", None)
     assert [track_lines(*each)[0].state for each in arguments] == ["look", "look"]
     assert "known in the log" in track_lines(none, "done", None, signed=True)[0].message
-    assert re.findall(r"\d+", count_line(Counts(), figures(), 0.0)) == ["0"]
+    assert re.findall(r"\d+", count_line(Counts(), figures(), 0.0, 100.0)) == ["0"]
+    slow = figures()
+    slow.times.extend([3e-4] * 98 + [0.025] * 2)
+    assert "25000 (99.9 % quantile), longer than the period of 10000" in count_line(Counts(100), slow, 0.0, 100.0)
+    assert "longer than" not in count_line(Counts(100), slow, 0.0, 30.0)
 
 
 def test_quantiles_of_update_times(rng):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, cast
@@ -152,11 +153,13 @@ def planned_motion(picture: MotionPicture) -> Figure:
     parts[1].legend(*side.get_legend_handles_labels(), loc="outside lower left", **look)
     if picture.distance is None:
         last.set_axis_off()
-        last.text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=INK)
+        last.text(0.0, 0.5, textwrap.fill(picture.not_checked, 44), va="center", fontsize=SIZE, color=INK)
     else:
         _draw_distance(last, motion.t, picture.distance, picture.margin)
     duration = float(motion.t[-1] - motion.t[0])
-    figure.suptitle(f"{picture.robot}, planned motion of {duration:.4g} s", fontsize=SIZE + 1.0, color=INK)
+    figure.suptitle(
+        f"{picture.robot}, planned motion of {duration:.4g} s (orange: limits)", fontsize=SIZE + 1.0, color=INK
+    )
     return figure
 
 
