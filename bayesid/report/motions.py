@@ -269,7 +269,8 @@ def picture(design: NextExperiment) -> Any:
         poses=extreme_poses(robot, motion, distance),
         distance=distance,
         margin=None if clearance is None else clearance.margin,
-        not_checked="; ".join(design.unchecked),
+        not_checked="\n".join(f"Not checked: {sentence}." for sentence in design.unchecked),
+        sliding=tuple(joint.prismatic for joint in robot.joints),
     )
 
 

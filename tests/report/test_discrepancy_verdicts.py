@@ -129,6 +129,13 @@ def test_indistinguishable_effects_have_a_motion_that_distinguishes_them():
     assert holds(check.message, "5.20 +- 0.10 mm", "joint 3")
 
 
+def test_a_found_effect_is_not_listed_as_untestable():
+    result = make(not_testable=(("coulomb_friction", (2,)), ("coulomb_friction", (3,)), ("payload", ())))
+    (check,) = checks_of(result, "Not testable")
+    assert holds(check.message, "Coulomb friction in joint 3", "payload")
+    assert "joint 2" not in check.message
+
+
 def test_the_size_of_an_effect_is_reported():
     """Its size in joint 2, 2.25 of 45 N m."""
     result = make(added=(found(friction(), FRICTION, **WORTH),), identification=made_of(sliding=(3,)))

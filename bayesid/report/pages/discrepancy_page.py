@@ -268,7 +268,7 @@ def _candidates(discrepancy: Discrepancy) -> list[Markup]:
         f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
         "log10 Bayes factor is that of each effect alone in its best form, added to the earlier model, and that given "
         f"the other added effects. An effect is added if the latter is at least {needed:g} and "
-        f"{data_in_words(discrepancy)} confirm it."
+        f"cross-validation on {data_in_words(discrepancy)} confirms it."
     )
     headings = ["Rank", "Effect", "Joints", "log10 Bayes factor alone", "Given the others", "Outcome"]
     below = f"The first {len(scores[: TUNING.bars])}, each alone; blue: added. Dashed: threshold."
@@ -291,7 +291,10 @@ def _left_out(discrepancy: Discrepancy) -> list[Markup]:
         learned = effect.description
         formula = "" if learned is None else f": {effect.formula}, {learned.sentence}"
         names.append(f"{label(effect.effect, effect.joints)}{formula}")
-    why = f"They explain the log, but not {data_in_words(discrepancy)}, or too little of the residual."
+    why = (
+        f"The log supports each of them, but cross-validation on {data_in_words(discrepancy)} does not confirm it, it "
+        "explains too little of the residual, or another set of effects does as well."
+    )
     return [html.paragraph(why), html.items(names)] if names else []
 
 
@@ -336,7 +339,7 @@ def comparison_page(comparison: ChangeReport) -> str:
     """The report of several logs, in HTML: self-contained, light or dark, printable."""
     last, logs = comparison.found[-1], log_names(comparison)
     robot = comparison.earlier.model.robot.name
-    basis = [("Order", comparison.dates.basis), ("Last one scored on", last.holdout)]
+    basis = [("Order", comparison.dates.basis), ("Errors of the last on", last.holdout)]
     first = html.section("last", f"{logs[-1]} against the first log's model", html.lines(in_brief(last)))
     return html.page(
         "What changed since the first log",

@@ -115,6 +115,7 @@ class MotionPicture:
     margin: float | None = None  #: least allowed distance, m; None if not checked
     #: text in place of the distance
     not_checked: str = "Distances to itself and to the floor were not checked."
+    sliding: tuple[bool, ...] = ()  #: n, whether a joint slides; empty if none does
 
 
 def planned_motion(picture: MotionPicture) -> Figure:
@@ -143,7 +144,9 @@ def planned_motion(picture: MotionPicture) -> Figure:
             _draw_curve(ax, motion.t, values[:, j], (low[:, j], high[:, j]), limit)
             dress(ax, "time, s" * (j == n - 1))
             ax.tick_params(labelsize=SIZE - 2.5)
-            _write_use(ax, float(low[:, j].min()), float(high[:, j].max()), *limit, distance=values is motion.q)
+            unit = "m" if any(picture.sliding[j : j + 1]) else "rad"
+            used = float(low[:, j].min()), float(high[:, j].max())
+            _write_use(ax, *used, *limit, of_distance=unit if values is motion.q else "")
         column[0].set_title(title, fontsize=SIZE, color=INK, pad=16.0)  # a line of words fits between
     for j, ax in enumerate(axes[:, 0]):
         _write(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
@@ -153,7 +156,7 @@ def planned_motion(picture: MotionPicture) -> Figure:
     parts[1].legend(*side.get_legend_handles_labels(), loc="outside lower left", **look)
     if picture.distance is None:
         last.set_axis_off()
-        last.text(0.0, 0.5, textwrap.fill(picture.not_checked, 44), va="center", fontsize=SIZE, color=INK)
+        last.text(0.0, 0.5, _folded(picture.not_checked), va="center", fontsize=SIZE, color=INK)
     else:
         _draw_distance(last, motion.t, picture.distance, picture.margin)
     duration = float(motion.t[-1] - motion.t[0])
@@ -207,13 +210,20 @@ def _write(ax: Axes, text: str, right: float, **look: Any) -> None:
     ax.text(right, 1.03, text, transform=ax.transAxes, ha=across, va="bottom", fontsize=SIZE - 2.0, **look)
 
 
-def _write_use(ax: Axes, low: float, high: float, lower: float, upper: float, *, distance: bool) -> None:
-    """Text: the share of the limits that values from low to high use, or the distance left; magenta beyond limits."""
+def _folded(text: str) -> str:
+    return "\n".join(textwrap.fill(line, 44) for line in text.splitlines())
+
+
+def _write_use(ax: Axes, low: float, high: float, lower: float, upper: float, *, of_distance: str) -> None:
+    """Text: the share of the limits that values from low to high use, or the distance left; magenta beyond limits.
+
+    `of_distance` is the unit of the distance, empty for the share.
+    """
     if not np.isfinite([lower, upper]).any():
         return
-    if distance:
+    if of_distance:
         room = min(low - lower, upper - high)
-        beyond, text = room < 0.0, f"{-room:.2g} beyond a limit" if room < 0.0 else f"{room:.2g} to a limit"
+        beyond, text = room < 0.0, f"{abs(room):.2g} {of_distance} {'beyond' if room < 0.0 else 'to'} a limit"
     else:
         share = max(-low, high) / upper
         beyond, text = share > 1.0, f"{percent(share, 0)} of the limit"
