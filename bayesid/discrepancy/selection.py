@@ -15,7 +15,7 @@ from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.learned_functions import learn_effects
 from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, costs, form_of, score, weighed
 from bayesid.discrepancy.tuning import TUNING
-from bayesid.progress import SILENT, Progress, Steps
+from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, preexisting, was_there, weigh
 from bayesid.regression.selection.cross_validation import confirms, log_density, surely_better
 from bayesid.regression.selection.error_model import ErrorModel
@@ -123,8 +123,8 @@ def _most_probable(sets: EffectSets, nothing: EffectSet, progress: Progress) -> 
     """The most probable set, starting from forward selection and from effects of the whole robot."""
     with progress.stage("effects: one by one"):
         chosen = _one_by_one(sets, nothing)
-    with progress.stage("effects: joint by joint"):
-        best = _improved(sets, chosen)
+    with progress.stage("effects: sets, joint by joint") as steps:
+        best = _improved(sets, chosen, steps)
     with progress.stage("effects: of several joints") as steps:
         several = _of_several_joints(sets, nothing)
         for done, effect in enumerate(several, start=1):
@@ -173,8 +173,11 @@ def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequen
     return regression.errors, [score.hypothesis for score in scores]
 
 
-def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
-    """The most probable set after searching whole sets of effects joint by joint, until none is better."""
+def _improved(sets: EffectSets, best: EffectSet, steps: Steps = no_steps) -> EffectSet:
+    """The most probable set after searching whole sets of effects joint by joint, until none is better.
+
+    `steps` counts fitted sets, of the largest number.
+    """
     searches = Counter[int]()
     done = set[tuple[int, Forms]]()  # searched joints, with the effects elsewhere
     while True:
@@ -183,6 +186,7 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
         if not pending or sets.n_fitted > TUNING.most_sets:
             return polished(sets, best)
         done.add(pending[0])
+        steps(sets.n_fitted, TUNING.most_sets)
         joint = pending[0][0]
         searches[joint] += 1
         best = _improved_in(sets, sets.anchored(best), joint)
