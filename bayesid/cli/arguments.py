@@ -13,10 +13,22 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bayesid.cli.parser import WIDTH, Command, flag, make_parser, option, path, several, whole
-from bayesid.cli.shared import CHAIN, EXACT_GAINS, MOTION, READING, TERMS, WORK, out, reading_of_result, shared
+from bayesid.cli.shared import (
+    CHAIN,
+    EXACT_GAINS,
+    FIRST_READING,
+    READING,
+    TERMS,
+    WORK,
+    first_reading_of_result,
+    out,
+    reading_of_result,
+    shared,
+)
 from bayesid.errors import missing
 from bayesid.study import STUDIES
 
+_AS_THE_RESULT = "Without options, a log or motion is read as the result's log."
 _STANDARD_TERMS = f"terms by default:\n  {TERMS}"
 _IDENTIFY = Command(
     "identify",
@@ -31,7 +43,7 @@ _IDENTIFY = Command(
     ],
     [
         path("logs", "one or more: CSV, Parquet, MATLAB, ROS bag, KUKA", nargs="+", metavar="log"),
-        *shared("--robot --gains --unsigned --columns --degrees --config"),
+        *shared(f"--robot {FIRST_READING} --unsigned --config"),
         option(
             "--complete HOW",
             "effects beyond --terms: auto, only-uncertainty, off",
@@ -39,11 +51,11 @@ _IDENTIFY = Command(
             default="auto",
         ),
         *shared("--no-posterior"),
-        *out("result folder (default: bayesid-LOG)"),
+        *out("result folder (default: bayesid-LOG)", "--force"),
     ],
     sections={
         "robot": shared(CHAIN),
-        "how the log is read": shared("--encoding --topic --joints --correct --cutoff --max-memory"),
+        "how the log is read": shared("--encoding --topic --joints --cutoff --max-memory"),
         "several logs": [
             several("--payload LABEL:KG@LOG", "another log, with a payload (see below)"),
             flag("--each", "identify each log alone, and compare"),
@@ -64,7 +76,7 @@ _IDENTIFY = Command(
             *shared("--posterior-budget --seed --time-limit"),
             option("--mode K", "which mode of the posterior to write", type=whole, default=1),
         ],
-        "result": [flag("--no-report", "skip report.html"), *shared("--strict")],
+        "result": [flag("--no-report", "skip report.html"), *shared("--strict --quiet")],
     },
     details="""logs:
   a quoted pattern selects several logs: 'runs/*.csv'
@@ -83,8 +95,14 @@ _VALIDATE = Command(
     "validate",
     "validate a result on another log",
     ["bayesid validate result another_log.csv", "bayesid validate result another_log.csv --out validated"],
-    [*shared("result log --strict"), *out("folder for summary, signed log and prediction")],
+    [
+        *shared("result log"),
+        *first_reading_of_result(),
+        *shared("--strict"),
+        *out("folder: also write summary, signed log, prediction"),
+    ],
     sections={**reading_of_result(), "more": shared("--cutoff")},
+    more=_AS_THE_RESULT,
 )
 _PREDICT = Command(
     "predict",
@@ -96,10 +114,12 @@ _PREDICT = Command(
     [
         *shared("result"),
         path("motion", "log, or a table t,q1..qn[,dq1..dqn]"),
+        *shared("--columns --degrees --correct"),
         flag("--without-noise", "bands of the model, without measurement noise"),
         *out("file, or existing folder (default: torques.csv)", default=Path("torques.csv"), metavar="FILE.csv"),
     ],
-    sections={"how the motion is read (default: as the result's log)": shared(f"{MOTION} --cutoff")},
+    sections={"how the motion is read": shared("--topic --joints --cutoff")},
+    more=_AS_THE_RESULT,
     details="a folder gets prediction.csv\ncolumns: t,tau1..taun,sd1..sdn,lower1..lowern,upper1..uppern",
 )
 _DISCREPANCY = Command(
@@ -115,7 +135,8 @@ _DISCREPANCY = Command(
         *shared("--robot", "without a result: name, TOML file or URDF"),
         *shared("--config", "without a result: file with options"),
         path("--holdout LOG", "test log (default: held-back blocks of the log)"),
-        *shared("--no-posterior --strict"),
+        *first_reading_of_result(),
+        *shared("--no-posterior"),
         *out("folder (default: bayesid-discrepancy-LOG)"),
     ],
     sections={
@@ -128,7 +149,9 @@ _DISCREPANCY = Command(
             *shared("--search-budget", f"{WORK} (see below)"),
             *shared("--posterior-budget --seed --time-limit"),
         ],
+        "more": shared("--strict"),
     },
+    more=_AS_THE_RESULT,
     details=f"--search-budget by default: 3 with a result, 30 for the first of several logs\n\n{_STANDARD_TERMS}",
 )
 _PAYLOAD = Command(
@@ -140,6 +163,7 @@ _PAYLOAD = Command(
         *shared("log", "log of the same robot with the payload"),
         option("--known-mass KG[~SD]", "weighed mass; calibrates the scale of the efforts"),
         option("--common-sd SHARE", "sd of the scale of all torques: 2%% (see --help-all)"),
+        *first_reading_of_result(),
         *shared("--strict"),
         *out("folder for payload.json"),
     ],
@@ -152,6 +176,7 @@ _PAYLOAD = Command(
             *shared("--seed --time-limit"),
         ],
     },
+    more=_AS_THE_RESULT,
     details="--common-sd by default: 10 % for torques, 0 with exact gains, else estimated",
     moved={"--no-posterior": "a payload is always sampled; --posterior-budget 0 is fastest"},
 )
@@ -168,7 +193,7 @@ _TRACK = Command(
         option("--lag S", "output delay for surer signs, s", default=0.0),
         flag("--follow", "live: answer each row of standard input at once"),
         option("--rate HZ", "sampling rate (default: by the time stamps)", type=float),
-        *shared("--payload"),
+        *first_reading_of_result(),
         option(
             "--plot",
             "also draw stream.png; --plot svg: stream.svg",
@@ -177,7 +202,6 @@ _TRACK = Command(
             choices=("png", "svg"),
             metavar="KIND",
         ),
-        *shared("--strict"),
         *out("folder (default: bayesid-track-LOG)"),
     ],
     sections={
@@ -186,7 +210,9 @@ _TRACK = Command(
             flag("--explain", "find the effect behind each change; takes minutes"),
         ],
         **reading_of_result(),
+        "more": shared("--payload --strict"),
     },
+    more=_AS_THE_RESULT,
     details="with --follow each row is answered by a row of signed_stream.csv; alarms are\n"
     "  lines of JSON on the standard error; a folder is written only with --out;\n"
     "  without --rate the first second is answered without signs",
@@ -198,8 +224,8 @@ _REPORT = Command(
     [*shared("result --strict"), *out("file (default: report.html in the folder)", metavar="FILE")],
     moved={"--validation": "`bayesid validate RESULT LOG` adds another log to the report"},
 )
-_CAPSULES = option("--capsules R,..", "radii of capsules around the links, m")
 _FOR_RESULT = [
+    option("--capsules R,..", "radii of capsules around the links, m"),
     option("--about NAME,..", "goal (default: all not known to 10 %%)"),
     option("--between A,B,..", "hypotheses to distinguish, EFFECT:JOINT each"),
     option("--criterion D|A", "determinant, or mean variance"),
@@ -209,7 +235,6 @@ _FOR_RESULT = [
     option("--floor Z", "height of the floor, m, or none (default: 0)", default="0"),
     option("--margin M", "least distance, m", default=0.01),
     several("--meshes DIR", "folder of the URDF's meshes; may be repeated", type=Path),
-    option("--changes K", "optimisation steps (default: half a minute)", type=whole),
 ]
 _FOR_ROBOT = [
     *shared("--terms"),
@@ -217,7 +242,7 @@ _FOR_ROBOT = [
     option("--periods K", "periods in the duration", type=whole, default=1),
     *shared("--noise --nominal --cutoff --seed"),
 ]
-FOR_RESULT = [name for name, _ in (_CAPSULES, *_FOR_RESULT)]
+FOR_RESULT = [name for name, _ in _FOR_RESULT]
 """Options of `excite` that need `--for`."""
 FOR_ROBOT = [name for name, _ in _FOR_ROBOT] + READING.split() + ["--no-degrees", "--config"]
 """Options without effect with `--for`: the result has its own terms, noise and parameters."""
@@ -235,16 +260,19 @@ _EXCITE = Command(
         *shared("--robot", "needed without --for; with it: limits and shapes"),
         path("--log LOG", "assess the motion of this log"),
         path("--limits FILE", "joint limits: TOML or URDF (see --help-all)"),
-        _CAPSULES,
-        *shared("--duration --config"),
-        *out("folder (default: bayesid-motion)", default=Path("bayesid-motion")),
+        *shared(f"{FIRST_READING} --config"),
+        *out("folder (default: bayesid-motion)", "--force", default=Path("bayesid-motion")),
     ],
     sections={
         "robot": shared(CHAIN),
-        "motion": shared("--rate --strict"),
+        "motion": [
+            *shared("--duration --rate"),
+            option("--changes K", "steps of the search (default: 10 to 30 s)", type=whole),
+        ],
+        "more": shared("--strict --quiet"),
         "with --for": _FOR_RESULT,
         "without --for": _FOR_ROBOT,
-        "how the log is read, without --for": shared(READING),
+        "how the log is read, without --for": shared("--unsigned --encoding --topic --joints"),
     },
     moved={"--effort-limits": "give --limits FILE with a line effort = [..], N m"},
     details="limits: lower, upper, velocity, acceleration, jerk, effort (N m); default: of\n"
@@ -263,10 +291,10 @@ _FLOOR = Command(
         path("again", "second recording of the same motion"),
         *shared("--robot"),
         *shared("--gains", EXACT_GAINS),
-        *shared("--unsigned --columns --degrees --config --strict"),
+        *shared("--unsigned --columns --degrees --correct --config --strict"),
         *out("JSON file with the table (default: none)", metavar="FILE"),
     ],
-    sections={"robot": shared(CHAIN), "how the logs are read": shared("--encoding --topic --joints --correct")},
+    sections={"robot": shared(CHAIN), "how the logs are read": shared("--encoding --topic --joints")},
 )
 _SIMULATE = Command(
     "simulate",

@@ -137,6 +137,7 @@ def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tu
             periods=options.periods,
             limits=_limits(options, robot),
             noise=options.noise,
+            changes=options.changes,
         ),
         prior=prior(options),
         seed=options.seed,

@@ -43,7 +43,7 @@ from bayesid.number_text import percent, quantity
 from bayesid.report import grading, model_checks, tables, verdicts
 from bayesid.report.conclusion import Conclusion, conclude
 from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification, save_or_rescue
-from bayesid.report.report_data import report_data
+from bayesid.report.report_data import ReportData, report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.summary import Summary
 from bayesid.report.words import counted
@@ -61,7 +61,7 @@ _SEPARATE: Mapping[State, str] = {
     "look": "Usable with care",
     "bad": "Do not rely on all of these results yet",
 }
-_WIDEST = {"log10 Bayes factor": 12, "size and sd": 40, "fits equally well": 20, "sd of ratio to others": 14}
+_WIDEST = {"size and sd": 40, "fits equally well": 20, "sd of ratio to others": 14}
 _LIST_REMEDY = 'give tables [[logs]] with file = "loaded.csv" and, for a payload, payload = "tool1", mass = 2.8'
 
 
@@ -109,7 +109,7 @@ def identify_command(options: argparse.Namespace) -> None:
     lines = (verdicts.proof(summary), verdicts.sampling(summary), *model_checks.gains(summary))
     printed = () if options.quiet else (*lines, *conclusion.actions)
     later = grading.unsaid(result.warnings, printed)
-    parts, last = _identification_parts(result, summary), f"{last}{' (an earlier result was replaced)' * replaced}"
+    parts, last = _identification_parts(result, findings), f"{last}{' (an earlier result was replaced)' * replaced}"
     finish(options, *parts, conclusion=conclusion, last=last, warnings=later, incomplete=incomplete)
 
 
@@ -164,7 +164,8 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
 # ---------------------------------------------------------------------------------------------------------------
 # Output
 # ---------------------------------------------------------------------------------------------------------------
-def _identification_parts(result: Identification, summary: Summary) -> list[RenderableType]:
+def _identification_parts(result: Identification, findings: ReportData) -> list[RenderableType]:
+    summary = findings.summary
     search, hidden = result.search, summary.hidden_joints > 0
     proof, seconds = verdicts.proof(summary), result.timings["search"]
     share = percent(result.persistent_share or 0.0, 1)
@@ -186,20 +187,22 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
         *(_verdict("gains: ", check) for check in model_checks.gains(summary)),
         *_table_of(tables.GAIN_HEADINGS, tables.gain_rows(summary)),
         _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),
-        _joints(result),
+        _joints(result, findings),
     ]
 
 
-def _joints(result: Identification) -> RenderableType:
+def _joints(result: Identification, findings: ReportData) -> RenderableType:
     """One row per joint: segments, certainty of hidden signs, relative residual."""
-    segments, _, confidence = result.recorded_segments
-    signed, shares, residual = result.log.signed, result.sure_shares, result.fit.relative_residual
+    segments, signed = findings.segments, result.log.signed
+    shares, residual = result.sure_shares, result.fit.relative_residual
     rows = []
     for j, known in enumerate(signed.tolist()):
-        of_joint = confidence[segments.joint == j]
-        signs = ["known", "known"] if known else [f"{of_joint.min():.2f}", percent(shares[j], 1)]
-        rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), percent(residual[j], 1)])
-    of_signs = [] if signed.all() else ["lowest confidence", f"|effort| with a sign {percent(SURE, 0)} certain"]
+        of_joint = segments.joint == j
+        ambiguous = int((of_joint & segments.ambiguous & segments.moving).sum())
+        signs = ["known", "known"] if known else [str(ambiguous), percent(shares[j], 1)]
+        count = str(int(of_joint.sum()))
+        rows.append([str(j + 1), count, *([] if signed.all() else signs), percent(residual[j], 1)])
+    of_signs = [] if signed.all() else ["ambiguous in motion", f"|effort| with a sign {percent(SURE, 0)} certain"]
     return table(["joint", "segments", *of_signs, "relative residual"], rows)
 
 

@@ -14,6 +14,8 @@ CHAIN = "--tip --hold --gravity"
 """Which joints of a robot, and how it is mounted."""
 MOTION = "--degrees --columns --topic --joints --correct"
 """Options for reading a motion."""
+FIRST_READING = "--gains --columns --degrees --correct"
+"""The most frequent options for reading a log; the short help shows them."""
 READING = f"--gains --unsigned --encoding {MOTION}"
 """Options for reading a log, see `bayesid.read_log`."""
 EXACT_GAINS = "drive gains of all joints, N m/A"
@@ -67,17 +69,21 @@ def shared(names: str, help: str | None = None, **changes: Any) -> list[Option]:
     return [(name, _SHARED[name] | changes) for name in names.split()]
 
 
-def out(help: str, **changes: Any) -> list[Option]:
-    """Options for output."""
-    return [*shared("--out", help, **changes), *shared("--force --quiet")]
+def out(help: str, more: str = "--force --quiet", **changes: Any) -> list[Option]:
+    """Options for output; `more` are those besides --out."""
+    return [*shared("--out", help, **changes), *shared(more)]
+
+
+def first_reading_of_result() -> list[Option]:
+    """The most frequent options for reading a log with a result."""
+    return [*shared("--gains", EXACT_GAINS), *shared("--columns --degrees --correct")]
 
 
 def reading_of_result() -> dict[str, list[Option]]:
-    """Options for reading a log with a result, where it differs from the result's log."""
+    """Further options for reading a log with a result."""
     return {
-        "how the log is read (default: as the result's log)": [
-            *shared("--gains", EXACT_GAINS),
+        "how the log is read": [
             *shared("--unsigned", "joints with |effort|: all, none or 1,3"),
-            *shared(f"--encoding {MOTION}"),
+            *shared("--encoding --topic --joints"),
         ]
     }

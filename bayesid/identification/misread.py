@@ -109,7 +109,8 @@ def _remedy(reading: Reading) -> str:
         given = f"`robot` {reading.robot.origin.source}"
     if given:
         how = _TRIED_BY.get(reading.kind, "compare positions and efforts with the controller's display")
-        return f"{how}; if so, give {given}"
+        both = " (a joint that flips also flips its torque)" if reading.kind == "direction" and "q" in given else ""
+        return f"{how}; if so, give {given}{both}"
     remedies = {
         "units": "check the units of the robot file",
         "motion": "check that efforts are those of the drives, and from the same recording as the positions",

@@ -385,7 +385,7 @@ def _misread(
     run.lap("other readings")
     if found is None or not found.sure or anyway:
         return found
-    remedy = f"{found.remedy}, or `anyway` to continue; other faults may appear once this is corrected"
+    remedy = f"{found.remedy}, or `anyway` to continue; the corrected log is checked again"
     raise InputError(f"the log looks misread: {found.message_with_odds}", log.source, remedy)
 
 

@@ -18,11 +18,21 @@ ANOTHER_LOG = "ANOTHER_LOG.csv"
 
 def find_discrepancy(findings: ReportData, log: str = "") -> str:
     """The command that finds what the model lacks to explain another log."""
-    source, tried = ANOTHER_LOG, findings.prediction
-    if log and Path(log).exists():
-        source = shlex.quote(log)
-        source += f" {tried.read_with}" if tried is not None and tried.source == log and tried.read_with else ""
-    return f"`bayesid discrepancy {_folder(findings)} {source}`"
+    return f"`bayesid discrepancy {_folder(findings)} {_tried(findings, log)}`"
+
+
+def payload(findings: ReportData, log: str) -> str:
+    """The command that identifies the payload in another log."""
+    return f"`bayesid payload {_folder(findings)} {_tried(findings, log)}`"
+
+
+def _tried(findings: ReportData, log: str) -> str:
+    """A log with its reading options, as it was validated; a placeholder if it is not there."""
+    if not (log and Path(log).exists()):
+        return ANOTHER_LOG
+    tried = findings.prediction
+    read_with = f" {tried.read_with}" if tried is not None and tried.source == log and tried.read_with else ""
+    return shlex.quote(log) + read_with
 
 
 def validate(findings: ReportData) -> str:

@@ -19,10 +19,10 @@ from bayesid.identification.identification import KNOWN
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.brief import in_brief as last_in_brief
 from bayesid.report.conclusion import Conclusion, sentence
-from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, readable_unit
+from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted, form_label, joints_in_words, listed, upper
+from bayesid.report.words import counted, form_label, joints_in_words, listed, readable_unit, upper
 
 SECTIONS: Mapping[str, str] = {
     CHANGED: "Changed since the first log",

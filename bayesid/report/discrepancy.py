@@ -15,7 +15,7 @@ from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
-from bayesid.effects.effect import Effect, Phrase, ReadableUnit
+from bayesid.effects.effect import Effect
 from bayesid.identification.checks import Check
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.number_text import percent, quantity, rounded
@@ -26,7 +26,7 @@ from bayesid.report.conclusion import EXPLAINED, Conclusion, first, sentence
 from bayesid.report.grading import failed
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import joints_in_words, label, listed, unit_of, upper
+from bayesid.report.words import joints_in_words, label, listed, readable_unit, unit_of, upper
 
 _MODELS = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """The model whose error a floor may contain, by the floor's source."""
@@ -200,12 +200,6 @@ def _not_testable(discrepancy: Discrepancy) -> Iterator[Check]:
 
 
 # ---- Numbers of an effect in readable units ----
-def readable_unit(phrase: Phrase, name: str, unit: str) -> ReadableUnit:
-    """The readable unit of a parameter, by its name with or without a joint, and its unit."""
-    symbol = name.rstrip("0123456789").rstrip("_")
-    return phrase.units.get(name, phrase.units.get(symbol, ReadableUnit("" if unit == "1" else unit)))
-
-
 def _readable(source: Effect, name: str, number: Quantity) -> Quantity:
     value, sd, unit = number
     readable = readable_unit(source.phrase, name, unit)

@@ -57,7 +57,7 @@ def held_back_error(complete: CompletionSummary) -> str:
     """Error on held-back blocks without and with the added effects."""
     errors = complete.held_back_error
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
-    return f"torque error on held-back blocks {100 * before:.1f} -> {percent(after, 1)} of the effort"
+    return f"error on held-back blocks, RMS over all joints: {100 * before:.1f} -> {percent(after, 1)} of the effort"
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
@@ -205,7 +205,8 @@ def validation(findings: ReportData) -> Check:
     if left_out:
         message += f"; no effort to compare in {joints_in_words(j + 1 for j in left_out)}"
     if poor:
-        return Check(name, "bad", message, f"do not use the model for this motion; {lacks}")
+        loaded = f"if the robot carried a load, {commands.payload(findings, prediction.source)} identifies it"
+        return Check(name, "bad", message, f"do not use the model for this motion; {loaded}; {lacks}")
     identified = np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
     ratio = prediction.rms_error[compared] / np.maximum(identified, TINY)
     alike = covered and np.all(ratio <= TUNING.worse)

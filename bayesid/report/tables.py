@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
+from bayesid.effects.catalogue import forms
+from bayesid.effects.effect import Phrase
 from bayesid.identification.checks import spread_in_words
 from bayesid.identification.gains import GIVEN
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.report.summary import Summary
-from bayesid.report.words import label, sizes_in_words
+from bayesid.report.words import label, readable_unit, sizes_in_words
 
 EFFECT_HEADINGS = ("additional effect", "log10 Bayes factor", "size and sd", "fits equally well")
 """Of `effect_rows`."""
@@ -24,7 +24,7 @@ def effect_rows(summary: Summary) -> list[tuple[str, ...]]:
         (
             label(effect.form, effect.joints),
             f"{effect.log10_bayes_factor or 0.0:.1f}",
-            "; ".join(_number(name, value) for name, value in effect.parameters.items()),
+            "; ".join(_number(effect.form, name, number) for name, number in effect.parameters.items()),
             ", ".join(label(other) for other in effect.equivalent),
         )
         for effect in (() if summary.complete is None else summary.complete.effects)
@@ -32,15 +32,21 @@ def effect_rows(summary: Summary) -> list[tuple[str, ...]]:
 
 
 def effect_symbols(summary: Summary) -> str:
-    """What the symbols in the table of effects mean; empty without effects."""
+    """What symbols and fixed numbers in the table of effects mean; empty without effects."""
     found = () if summary.complete is None else summary.complete.effects
     sentences = dict.fromkeys(filter(None, (sizes_in_words(effect.form) for effect in found)))
-    return f"sizes in brackets: {'; '.join(sentences)}" if sentences else ""
+    parts = [f"sizes in brackets: {'; '.join(sentences)}"] if sentences else []
+    if any(number["sd"] is None for effect in found for number in effect.parameters.values()):
+        parts.append("fixed: without an sd; the other sizes are given this value")
+    return "; ".join(parts)
 
 
-def _number(name: str, number: Mapping[str, Any]) -> str:
-    sd = np.nan if number["sd"] is None else number["sd"]
-    return f"{name} {quantity(number['value'], sd, number['unit'])}"
+def _number(form: str, name: str, number: Mapping[str, Any]) -> str:
+    readable = readable_unit(forms()[form].phrase if form in forms() else Phrase(), name, number["unit"])
+    value = readable.factor * (number["value"] - readable.neutral)
+    if number["sd"] is None:
+        return f"{name} {quantity(value, 0.0, readable.unit)} (fixed)"
+    return f"{name} {quantity(value, readable.factor * number['sd'], readable.unit)}"
 
 
 GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "sd of ratio to others", "decided by")

@@ -16,7 +16,8 @@ from bayesid.identification import checks
 from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
-from bayesid.number_text import percent
+from bayesid.number_text import percent, rounded
+from bayesid.regression.knowledge import KinematicTolerance
 from bayesid.report import commands
 from bayesid.report.conclusion import EXPLAINED
 from bayesid.report.grading import graded, unsaid
@@ -63,10 +64,19 @@ def robot_file(summary: Summary) -> Check:
     found = () if summary.complete is None else summary.complete.too_narrow
     times = max((effect.times or 0.0 for effect in found), default=0.0)
     if times >= TUNING.another_robot:
-        message = f"the residual suggests geometry errors {times:.0f} times the stated tolerance"
-        return Check("Robot file", "bad", message, "check that the file is of this robot, and its lengths")
+        message = f"the residual suggests geometry errors of about {_geometry(summary, times)}"
+        remedy = "check that the file is of this robot (`bayesid robot list`), and its lengths"
+        return Check("Robot file", "bad", message, remedy)
     detected = f"a common factor of all efforts is detected above {np.exp(IDENTIFICATION.another_size):.0f}"
     return Check("Robot file", "good", f"robot, joint order and each joint's units look consistent; {detected}")
+
+
+def _geometry(summary: Summary, times: float) -> str:
+    """The tolerance of the geometry, so many times."""
+    options, usual = summary.provenance.options, KinematicTolerance()
+    length, angle = (options.get(f"prior.{name}_sd") for name in ("length", "angle"))
+    length, angle = usual.length if length is None else length, usual.angle if angle is None else angle
+    return f"{rounded(1e3 * times * length, 2)} mm or {rounded(np.rad2deg(times * angle), 2)} degrees"
 
 
 def _excitation(findings: ReportData) -> Check:

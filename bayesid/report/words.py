@@ -8,6 +8,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from bayesid.effects.catalogue import forms, noun, owner
+from bayesid.effects.effect import Phrase, ReadableUnit
 
 if TYPE_CHECKING:
     from bayesid.discrepancy.workflow import Discrepancy
@@ -56,6 +57,12 @@ def sizes_in_words(form: str) -> str:
     sentence = forms()[form].phrase.sentence if form in forms() else ""
     text = re.sub(r"\{(\w+)\}", lambda found: "" if found[1] in ("who", "whose") else f"[{found[1]}]", sentence)
     return text.strip().removeprefix("needs ").rstrip(".")
+
+
+def readable_unit(phrase: Phrase, name: str, unit: str) -> ReadableUnit:
+    """The readable unit of a parameter, by its name with or without a joint, and its unit."""
+    symbol = name.rstrip("0123456789").rstrip("_")
+    return phrase.units.get(name, phrase.units.get(symbol, ReadableUnit("" if unit == "1" else unit)))
 
 
 def score_label(score: Score) -> str:

@@ -37,6 +37,15 @@ def test_the_first_help_is_short_and_names_the_other(command, capfd):
         assert not whole.partition(f"{line}\n")[2].startswith(" " * 10), "and on one line"
 
 
+@pytest.mark.parametrize(
+    "name", ["identify", "validate", "predict", "discrepancy", "payload", "track", "excite", "floor"]
+)
+def test_the_first_help_shows_how_a_log_is_read(name, capfd):
+    run(name, "--help")
+    shown = {OPTION.match(line)[1] for line in options_of(capfd.readouterr().out)}
+    assert {"--columns", "--degrees", "--correct", *(["--gains"] if name != "predict" else [])} <= shown
+
+
 def test_every_option_is_in_the_whole_help(capfd):
     for command in BAYESID.commands:
         run(command.name, "--help-all")

@@ -258,6 +258,7 @@ def test_a_misread_log_is_named_before_its_signs_are_searched(how, rectified):
     found = before(log.rectified() if rectified else log)
     assert (found.kind, found.sure) == (kind, True)
     assert correct in found.remedy
+    assert ("flips its torque" in found.remedy) == (kind == "direction")
     assert found.log10_odds > 6.0
 
 

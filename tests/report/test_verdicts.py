@@ -113,7 +113,11 @@ MENDED = ("rows of 0; 37 are dropped",)
 LOW_PASS = LowPassSummary(8.1, 1, True, (0.2, 0.3), "8.1 Hz (so)")
 
 CASES = {  # of each check: state, findings, and what the message contains, in the order of the pipeline
-    "Robot file": [("good", GOOD, ""), ("bad", summary(better_reading=OTHER), "joints 2 and 3|4.1|21.3")],
+    "Robot file": [
+        ("good", GOOD, ""),
+        ("bad", summary(better_reading=OTHER), "joints 2 and 3|4.1|21.3"),
+        ("bad", asked(GOOD, replace(FAR_OFF, times=66.0)), "66 mm|6.6 degrees"),
+    ],
     "Excitation": [
         ("good", GOOD, "42"),
         ("look", fit(condition_number=101.0), "101"),
@@ -230,6 +234,11 @@ def test_each_state_of_a_check_has_its_numbers_and_a_remedy(name):
         nothing_to_do = state == "good" or ((name, state) == ("Gains", "look") and "friction" in says)
         assert bool(found.remedy) != nothing_to_do, found
         assert "\n" not in found.message + found.remedy
+
+
+def test_a_poor_validation_names_the_payload_command():
+    check = told(predicted(relative_residual=[0.03, 0.26]), "Validation")
+    assert "`bayesid payload RESULT ANOTHER_LOG.csv`" in check.remedy
 
 
 def test_checks_come_in_the_order_of_the_pipeline():
