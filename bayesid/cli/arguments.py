@@ -43,7 +43,7 @@ _IDENTIFY = Command(
     ],
     [
         path("logs", "one or more: CSV, Parquet, MATLAB, ROS bag, KUKA", nargs="+", metavar="log"),
-        *shared(f"--robot {FIRST_READING} --unsigned --config"),
+        *shared(f"--robot {FIRST_READING} --config"),
         option(
             "--complete HOW",
             "effects beyond --terms: auto, only-uncertainty, off",
@@ -51,11 +51,11 @@ _IDENTIFY = Command(
             default="auto",
         ),
         *shared("--no-posterior"),
-        *out("result folder (default: bayesid-LOG)", "--force"),
+        *out("result folder (default: bayesid-LOG)"),
     ],
     sections={
         "robot": shared(CHAIN),
-        "how the log is read": shared("--encoding --topic --joints --cutoff --max-memory"),
+        "how the log is read": shared("--unsigned --encoding --topic --joints --cutoff --max-memory"),
         "several logs": [
             several("--payload LABEL:KG@LOG", "another log, with a payload (see below)"),
             flag("--each", "identify each log alone, and compare"),
@@ -76,7 +76,7 @@ _IDENTIFY = Command(
             *shared("--posterior-budget --seed --time-limit"),
             option("--mode K", "which mode of the posterior to write", type=whole, default=1),
         ],
-        "result": [flag("--no-report", "skip report.html"), *shared("--strict --quiet")],
+        "result": [flag("--no-report", "skip report.html"), *shared("--strict")],
     },
     details="""logs:
   a quoted pattern selects several logs: 'runs/*.csv'
@@ -261,7 +261,7 @@ _EXCITE = Command(
         path("--log LOG", "assess the motion of this log"),
         path("--limits FILE", "joint limits: TOML or URDF (see --help-all)"),
         *shared(f"{FIRST_READING} --config"),
-        *out("folder (default: bayesid-motion)", "--force", default=Path("bayesid-motion")),
+        *out("folder (default: bayesid-motion)", "--quiet", default=Path("bayesid-motion")),
     ],
     sections={
         "robot": shared(CHAIN),
@@ -269,7 +269,7 @@ _EXCITE = Command(
             *shared("--duration --rate"),
             option("--changes K", "steps of the search (default: 10 to 30 s)", type=whole),
         ],
-        "more": shared("--strict --quiet"),
+        "more": shared("--strict --force"),
         "with --for": _FOR_RESULT,
         "without --for": _FOR_ROBOT,
         "how the log is read, without --for": shared("--unsigned --encoding --topic --joints"),

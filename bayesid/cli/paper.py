@@ -228,10 +228,10 @@ def coefficient_table(estimates: Array, sds: Array) -> RenderableType:
     rows = []
     for row, estimate, sd in zip(TABLE_II, estimates, sds, strict=True):
         values = (f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd))
-        rows.append(
-            [str(row.number), row.expression, *values, percent(sd / abs(row.nominal), 1) if row.nominal else "-"]
-        )
-    return table(["#", "coefficient", "nominal", "paper", "estimate", "sd", "relative sd"], rows, left=["coefficient"])
+        relative = percent(sd / abs(row.nominal), 1) if row.nominal else "-"
+        rows.append([str(row.number), row.expression, *values, row.unit, relative])
+    headings = ["#", "coefficient", "nominal", "paper", "estimate", "sd", "unit", "relative sd"]
+    return table(headings, rows, left=["coefficient", "unit"])
 
 
 def node_rows(nodes: Sequence[Node]) -> list[dict[str, object]]:

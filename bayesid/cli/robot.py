@@ -84,18 +84,15 @@ def _show(options: argparse.Namespace) -> None:
 
 def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
     robot, n = here.robot, here.robot.n_joints
-    points = np.vstack([here.joint_frames[:, :3, 3], here.flange[:3, 3]]).round(9) + 0.0
+    points = 1e3 * np.vstack([here.joint_frames[:, :3, 3], here.flange[:3, 3]]).round(9) + 0.0
     names = [*(f"joint {i} {joint.name}".rstrip() for i, joint in enumerate(robot.joints, start=1)), "flange"]
-    rows = [
-        (name, *(f"{x:.4f}" for x in at), "", *(f"{x:.1f}" for x in 1e3 * at))
-        for name, at in zip(names, points, strict=True)
-    ]
+    rows = [(name, *(f"{x:.1f}" for x in at)) for name, at in zip(names, points, strict=True)]
     wrist = f", to the origin of joint {n - 1} {1e3 * reach(robot, n - 1):.1f} mm" if n > 2 else ""
     held = ", sliding joints at 0" if any(joint.prismatic for joint in robot.joints) else ""
     return [
         f"{robot.name}{': ' + about['description'] if about else ''}, {n} joints",
         f"q = {positions_text(here)}",
-        table(["origin of", "x, m", "y, m", "z, m", "", "x, mm", "y, mm", "z, mm"], rows, left=["origin of"]),
+        table(["origin of", "x, mm", "y, mm", "z, mm"], rows, left=["origin of"]),
         f"gravity in the base frame: {', '.join(f'{g:g}' for g in robot.gravity)} m/s^2",
         f"reach from axis 1: to the flange {1e3 * reach(robot):.1f} mm{wrist}, stretched, without joint limits{held}",
         *(f"note: {note}" for note in about.get("notes", [])),

@@ -289,7 +289,7 @@ def identify_with(
         search, False, Preprocessing(), ParameterPrior(), progress, {"model": [effect.name for effect in model.effects]}
     )
     run.laps["search"] = searched.search.seconds
-    with progress.stage("fit"):
+    with progress.stage("least-squares fit"):
         averaged = AveragedSigns.alone(fitted_to(base_coefficients(model), model, signals, searched))
     return _identification(run, log, signals, model, (averaged, None, averaged.mixed))
 
@@ -358,7 +358,7 @@ def _prepared(
     terms: Sequence[str | Term],
     constraints: ConstraintFunction | str | Path | None,
 ) -> tuple[Log, Model, Signals, Segments]:
-    with run.progress.stage("prepare"):
+    with run.progress.stage("filter and segments"):
         log = as_log(log, robot)
         check_memory(log, run.preprocessing.max_memory)
         _check(robot, log)

@@ -83,7 +83,7 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
         )
         predicted = log_data.model.effort(signals.motion, draws.T)
         noise = averaged.requested.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
-        with progress.stage("signs of samples") as steps:
+        with progress.stage("probability of the samples' signs") as steps:
             probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
     return probability
 

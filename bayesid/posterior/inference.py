@@ -390,10 +390,10 @@ def infer(
     began = time.perf_counter()
     problem = problem.with_least_noise()
     target = problem.target
-    with progress.stage("modes"):
+    with progress.stage("sampling: modes"):
         modes = find_modes(target, problem.scaled_moments, problem.solver, search)
     weighed = sample_modes(target, modes, sampling, began, progress)
-    with progress.stage("signs of segments"):
+    with progress.stage("probability of the segments' signs"):
         draws = pool(weighed)
         theta, log_scale = target.split(draws.spread(TUNING.sign_draws))
         mass = _branch_mass(target, theta, log_scale, search)

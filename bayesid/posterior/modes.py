@@ -356,11 +356,11 @@ def sample_modes(
         on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / remaining_modes
         share = replace(sampling, budget=max(0.0, remaining / remaining_modes), time_limit=on_the_clock)
         of_all = f" of mode {k + 1} of {len(modes)}" if several else ""
-        with progress.stage(f"posterior{of_all}") as steps:
+        with progress.stage(f"sampling{of_all}") as steps:
             draws.append(sample(target, mode.theta, share, steps, mass))
         remaining -= draws[-1].spent + mass
         if several:
-            with progress.stage(f"weight{of_all}"):
+            with progress.stage(f"sampling: weight{of_all}"):
                 masses.append(integrate(target, draws[-1], sampling.seed))
     if not masses:
         return (SampledMode(modes[0], draws[0], None, 1.0),)

@@ -324,6 +324,13 @@ def _alternatives(identification: Identification) -> Alternatives:
 
 
 FILE = "findings.npz"
+_WITHOUT_REPORT = {
+    "payload.json": "payload",
+    "stream.json": "track",
+    "design.json": "excite",
+    "next_motion.json": "excite",
+}
+"""Files of folders without a report, and the commands that write them."""
 _REMEDY = "give a folder that `bayesid identify` wrote, or identify again"
 _PARTS: Mapping[str, type] = {
     "samples": Samples,
@@ -358,6 +365,10 @@ def read_report_data(folder: str | Path) -> ReportData:
         InputError: the folder holds no result, or that of an earlier version.
     """
     place = Path(folder)
+    for name, command in _WITHOUT_REPORT.items():
+        if (place / name).exists() and not (place / FILE).exists():
+            seen = f"holds a result of `bayesid {command}`, which has no report"
+            raise InputError(seen, printable(str(folder)), f"open {printable(str(place / name))}")
     for name in ("summary.json", FILE):
         if not os.path.exists(place / name):
             raise InputError(f"holds no {name}", printable(str(folder)), _REMEDY)

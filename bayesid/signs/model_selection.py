@@ -146,7 +146,7 @@ def complete(
     if may_enter and (free := _with_bounds_lifted(rounds.signs, searching, progress)) is not rounds.signs:
         more = _lifting(free, rounds.signs)
         model = reduce(Model.extend, (effect.source for effect in more), plain.model)
-        first = plain = searching.under(model, free.sign_solution, progress.under("without bounds"))
+        first = plain = searching.under(model, free.sign_solution, progress.under("negative parameters allowed"))
         lifted, averaged = (*lifted, *more), AveragedSigns.alone(plain.sign_solution)
         rounds = _Rounds.under(plain, free)
         rounds.go_through(searching, enter=True, progress=progress)
@@ -242,7 +242,7 @@ class _Rounds:
         if detected.keys == (set() if before is None else before.keys):
             return False
         candidate = searching.under(
-            detected.extension.model, self.signs.sign_solution, progress.under("selected model")
+            detected.extension.model, self.signs.sign_solution, progress.under("with added effects")
         )
         if (
             _is_better(candidate, self.plain)
@@ -269,7 +269,7 @@ class _Rounds:
         last = self.signs
         if last is self.plain or last.sign_solution.signs.search.certified:
             return
-        self.signs = searching.under(last.model, last.sign_solution, progress.under("most likely model"))
+        self.signs = searching.under(last.model, last.sign_solution, progress.under("likeliest model"))
         if self.completed is last:
             self.completed = self.signs
 
@@ -283,7 +283,7 @@ class _Rounds:
         candidate = self.plain
         if detected.keys:
             reduced = searching.under(
-                detected.extension.model, self.signs.sign_solution, progress.under("selected model")
+                detected.extension.model, self.signs.sign_solution, progress.under("with added effects")
             )
             candidate = reduced if _is_better(reduced, self.plain) else self.plain
         if self.signs is self.completed and not _changed(
@@ -332,7 +332,7 @@ def _with_bounds_lifted(plain: _SignsUnder, searching: _Searching, progress: Pro
     with progress.stage(_PROPOSING):
         proposal = _poor_robot(plain).without_bounds()
     while proposal is not None:
-        lifted = _best_of(plain, [proposal], searching, progress.under("without bounds"))
+        lifted = _best_of(plain, [proposal], searching, progress.under("negative parameters allowed"))
         kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.sign_solution))
         if lifted is plain or kept == proposal.effects:
             return lifted

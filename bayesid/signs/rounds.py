@@ -67,7 +67,7 @@ class SignSearch:
             fitted = segments[segments.fitted]
             raw = self._normal_equations(fitted)
             sigma = TUNING.first_noise * raw.rms_effort(self._n) if sigma is None else sigma
-            with self.progress.stage(f"search, round {rounds} of at most {TUNING.search_rounds}") as steps:
+            with self.progress.stage(f"sign search: round {rounds} of at most {TUNING.search_rounds}") as steps:
                 searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
                 cuts, sigma = self._cuts_and_noise(fitted, raw, searched[-1])
             last = rounds == TUNING.search_rounds
@@ -93,7 +93,7 @@ class SignSearch:
             return searched
         raw = self._normal_equations(fitted)
         problem = self._problem(fitted, raw.scaled(weights), [result])
-        with self.progress.stage("proof with the fitted noise") as steps:
+        with self.progress.stage("sign search: proof with the fitted noise") as steps:
             found = noise_sensitivity(problem, result, steps)
         searched = replace(searched, near=found.near)
         if result.persistent is None:

@@ -126,14 +126,14 @@ def find_signs(
         likely = (2.0 * start.probability - 1.0, *also)
         sign_search = replace(sign_search, likely=likely, unlisted_probability=start.signs.search.unlisted_probability)
     searched = sign_search.run(segments)
-    with progress.stage("fit"):
+    with progress.stage("least-squares fit"):
         sign_solution = fitted_to(plain, model, signals, searched)
     searched = sign_search.reweighted(sign_solution.signs, _weights(sign_solution.fit))
     if (
         not np.array_equal(searched.search.signs, sign_solution.signs.search.signs)
         or searched.proofs > sign_solution.signs.proofs
     ):
-        with progress.stage("fit"):
+        with progress.stage("least-squares fit"):
             sign_solution = fitted_to(plain, model, signals, searched)
         searched = sign_search.reweighted(searched, _weights(sign_solution.fit), repeat=False)
     sign_solution = replace(sign_solution, signs=searched)

@@ -32,6 +32,11 @@ class TableRow(NamedTuple):
     published: float  # the paper's estimate without signs, SI units
 
     @property
+    def unit(self) -> str:
+        """Of its values: that of an inertia or of a first moment."""
+        return "kg m^2" if "J" in self.expression else "kg m"
+
+    @property
     def row(self) -> Array:
         """(60,) weights of the standard parameters, in the order of `paper_model().parameters`."""
         product = re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", self.expression.replace("^", "**"))

@@ -241,6 +241,8 @@ def test_results_that_are_none_or_damaged(arm_result, arm_place, refused):
         for folder in ("nowhere", "empty", "log.csv"):
             refused(command, folder, "log.csv", says=[folder, "model.toml"])
     refused("report", "nowhere", says=["nowhere", "no summary.json"])
+    (arm_place / "empty" / "payload.json").write_text("{}")
+    refused("report", "empty", says=["empty", "`bayesid payload`", "open empty/payload.json"])
     whole = {path.name: path.read_bytes() for path in arm_result.iterdir()}
     content = whole["model.toml"]
     bad = [b"gar = = bage", b"\xff\xfe\x00", b"", content[: len(content) // 2], content[:-30]]
@@ -301,3 +303,4 @@ def test_motions_after_a_result_that_cannot_be(arm_result, refused):
     (arm_result / "discrepancy.json").write_text('{"found": [{"effect": 3}]}')
     refused("excite", "--for", "result", "--out", "next", says=["discrepancy.json"])
     assert run("excite") == 2
+    refused("excite", "--robot", "kr5", "--changes", "0", "--out", "motion", says=["changes", "0"])

@@ -394,4 +394,6 @@ def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):
     shown = bayesid.load("bayesid-demo").report_data().prediction.relative_residual
     assert measured.split(":")[1].split()[::2] == [f"{100.0 * share:.2f}" for share in shown]
     assert all(float(error) < 2.0 for error in true.split(":")[1].split()[::2])
-    assert sum(line.lstrip()[:2].strip().isdigit() for line in out.splitlines()) >= 27
+    coefficients = [line for line in out.splitlines() if line.lstrip()[:2].strip().isdigit()]
+    assert len(coefficients) >= 27
+    assert all(("kg m^2 " in line) == ("J" in line) for line in coefficients)

@@ -157,7 +157,12 @@ def test_a_sampled_result_is_that_of_its_draws(truth, unsigned, drawn):
     assert truth.model.cone.contains(result.theta)
     assert set(result.timings) == {"prepare", "search", "second opinion", "other readings", "posterior", "smooth"}
     stages = list(dict.fromkeys(stage for stage, *_ in calls))
-    assert stages[-4:] == ["posterior", "signs of segments", "signs of samples", "input diagnosis"]
+    assert stages[-4:] == [
+        "sampling",
+        "probability of the segments' signs",
+        "probability of the samples' signs",
+        "input diagnosis",
+    ]
     assert calls[-1] == ("input diagnosis", 1, 1)
     assert all(0 <= done <= total for _, done, total in calls)
     assert sum(done == 0 and total == 1 for _, done, total in calls) == sum(done == total for _, done, total in calls)

@@ -106,7 +106,7 @@ class Beam(Search):
         if self.node_solver is not None:
             return result
         seconds = max(self.time_limit - result.seconds, 0.0)
-        with progress.stage("local search") as steps:
+        with progress.stage("sign search: local search") as steps:
             return searched_locally(problem, [result], TUNING.failures, seconds, steps)
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:

@@ -92,21 +92,21 @@ class Certified(Search):
         Raises:
             SolverError: an optimisation failed.
         """
-        with progress.stage("proof") as steps:
+        with progress.stage("sign search: proof") as steps:
             result = self._search(problem, TUNING.proof_share * self.budget, steps)
         if result.certified:
             return result
         failures = TUNING.failures_on_the_way if problem.starts else TUNING.failures
-        with progress.stage("local search") as steps:
+        with progress.stage("sign search: local search") as steps:
             result = searched_locally(problem, [result], failures, self._left(result), steps)
         if problem.starts:
             return result
         seconds = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
         fallback = self.fallback.limited(seconds, self._left(result))
-        with progress.stage("search, beam") as steps:
+        with progress.stage("sign search: beam") as steps:
             other = fallback.find(replace(problem, earlier=result), steps)
         seconds, failures = self._left(result, other), TUNING.failures_on_the_way
-        with progress.stage("local search") as steps:
+        with progress.stage("sign search: local search") as steps:
             return searched_locally(problem, [result, other], failures, seconds, steps)
 
     def _left(self, *results: SearchResult) -> float:
