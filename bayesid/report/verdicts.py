@@ -74,8 +74,9 @@ def robot_file(summary: Summary) -> Check:
 def _geometry(summary: Summary, times: float) -> str:
     """The tolerance of the geometry, so many times."""
     options, usual = summary.provenance.options, KinematicTolerance()
-    length, angle = (options.get(f"prior.{name}_sd") for name in ("length", "angle"))
-    length, angle = usual.length if length is None else length, usual.angle if angle is None else angle
+    stated = options.get("prior.length_sd"), options.get("prior.angle_sd")
+    pairs = zip(stated, (usual.length, usual.angle), strict=True)
+    length, angle = (sd if isinstance(sd, float) else default for sd, default in pairs)
     return f"{rounded(1e3 * times * length, 2)} mm or {rounded(np.rad2deg(times * angle), 2)} degrees"
 
 
