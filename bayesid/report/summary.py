@@ -83,7 +83,7 @@ class SearchSummary:
 
     method: Annotated[str, Shown("Method")]
     beam_width: int | None  # w of T-PBPR
-    cost: Annotated[Number, Shown("Cost of the best assignment", "{:.6g}")]
+    cost: Annotated[Number, Shown("Cost of the best assignment", "{:.6g}", detail=True)]
     cost_parts: Mapping[str, Number] | None  # data, Tikhonov term, prior; None for other costs
     noise_weights: Numbers  # (n,) sd by which rows were scaled, N m, for effective samples
     proofs: int  # number of proofs: repeated if the final noise weights change the signs
@@ -91,15 +91,17 @@ class SearchSummary:
     # grown, pruned by bound or cone, survivors, leaves, and segments undecided at the time limit
     beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts, detail=True)]
     certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
-    lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
+    lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}", detail=True)]
     gap: Number  # cost minus lower bound
     optimality_gap: Number  # Delta: assignments that cost up to this much more than the best are listed
     assignments: int | None  # number of listed assignments, including the best
     # upper bound of the posterior mass of all unlisted assignments over that of the best one
-    missed_mass: Annotated[Number, Shown("Unlisted assignments: probability over that of the best, at most", "{:.2g}")]
+    missed_mass: Annotated[
+        Number, Shown("Unlisted assignments: probability over the best", "at most {:.2g}", detail=True)
+    ]
     persistent_share: Annotated[Number, Shown("Samples with a determined sign", _percent)]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # segments whose sign the proof does not determine
-    seconds: Annotated[float, Shown("Time of search and fit", "{:.1f} s")]
+    seconds: Annotated[float, Shown("Time of search and fit", "{:.1f} s", detail=True)]
     sdp_solves: Annotated[int, Shown("Constrained least-squares problems", detail=True)]  # cone problems solved
     nodes: Annotated[int, Shown("Nodes of the search tree", detail=True)]
     rounds: Annotated[int, Shown("Search rounds", detail=True)]
@@ -107,7 +109,9 @@ class SearchSummary:
     # methods of the last search, each with its cost, nominal seconds and number of starts
     ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways, detail=True)] = ()
     # probability that the right assignment was not found; 0 with a proof
-    unlisted_probability: Annotated[Number, Shown("Probability that the search missed a better one", _percent)] = None
+    unlisted_probability: Annotated[
+        Number, Shown("Probability that the search missed a better one", _percent, detail=True)
+    ] = None
 
 
 @dataclass(frozen=True)

@@ -360,15 +360,21 @@
   // ------------------------------------------------------------------------------------------------------------
   // The page
   // ------------------------------------------------------------------------------------------------------------
+  const mark = () =>
+    document.querySelectorAll(".table").forEach((one) => {
+      one.classList.toggle("overflows", one.scrollWidth > one.clientWidth);
+    });
   const redraw = (paper = false) => {
     document.documentElement.classList.toggle("paper", paper);
     look(paper);
     for (const { u, host, height } of plots) u.setSize({ width: host.clientWidth, height });
     for (const { u } of plots) u.redraw(false, true);
+    mark();
   };
   look(false);
   document.querySelectorAll(".plot").forEach(figure);
   groups.forEach((group, name) => controlled(name, group));
+  mark();
   let width = document.documentElement.clientWidth;
   window.addEventListener("resize", () => {
     if (document.documentElement.clientWidth !== width) redraw(matchMedia("print").matches);

@@ -10,11 +10,14 @@ from markupsafe import Markup
 
 from bayesid.identification.checks import State, convergence
 from bayesid.identification.identification import SURE, Identification
+from bayesid.identification.options import COMPLETENESS, Preprocessing, plain_options
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.number_text import percent
 from bayesid.parallel import one_at_a_time
+from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.report import commands
 from bayesid.report.conclusion import conclude
 from bayesid.report.pages import rendering as html
@@ -43,6 +46,7 @@ from bayesid.report.tables import (
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, sure_share
 from bayesid.report.words import counted, joints_in_words, label, upper
+from bayesid.signs.search.certified import Certified
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -239,10 +243,10 @@ def _posterior(findings: ReportData) -> list[Markup]:
     thinned = "" if kept == posterior.draws else f" ({kept} are shown)"
     note = (
         f"{posterior.draws} draws{thinned} by {posterior.ensembles} independent ensembles of {posterior.walkers} "
-        "walkers; "
+        "walkers (parallel chains); "
         f"{convergence(posterior.max_rhat, posterior.min_ess)} over all coefficients and noise scales"
         f"{_limits(posterior)}. Shown: the least determined coefficients, each minus its mean and divided by the "
-        "prior's standard deviation."
+        "prior's standard deviation (1 on an axis)."
     )
     return [html.paragraph(note, note=True), html.figures(pictures)]
 
@@ -331,7 +335,7 @@ def _validation(findings: ReportData) -> list[Markup]:
     seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
     caption = (
         f"{prediction.source}: errors of the predicted efforts. Efforts logged without sign get the likelier one under "
-        f"the model. The 95 % band accounts for {prediction.band}."
+        f"the model. The 95 % band accounts for {prediction.band}. Only samples in motion are counted."
     )
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
     rows = [
@@ -366,7 +370,7 @@ def _run(findings: ReportData) -> list[Markup]:
         ("Random seed", "" if posterior is None else str(posterior.seed)),
         ("Time", ", ".join(times)),
     ]
-    options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
+    options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in _changed(run.options)}
     details = [
         *((f"Option {name}", value) for name, value in options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
@@ -376,8 +380,18 @@ def _run(findings: ReportData) -> list[Markup]:
         *(shown_rows(search, detail=True) if findings.summary.hidden_joints else []),
     ]
     caption = "The same options, data and versions give the same result, unless a time limit ended a stage."
-    folded = html.table("Options as in Python, checksums, versions.", ["What", "Value"], _in_code(details))
+    folded = html.table(
+        "Options that differ from the defaults (summary.json has all), checksums, versions.",
+        ["What", "Value"],
+        _in_code(details),
+    )
     return [html.table(caption, ["What", "Value"], _in_code(named)), html.fold("Details", folded)]
+
+
+def _changed(options: Mapping[str, object]) -> list[tuple[str, object]]:
+    objects = {"search": Certified(), "posterior": Sampling(), "prior": ParameterPrior()}
+    defaults = plain_options({**objects, "preprocessing": Preprocessing(), "complete": COMPLETENESS[0]})
+    return [(name, value) for name, value in options.items() if name not in defaults or defaults[name] != value]
 
 
 def _in_code(named: Iterable[tuple[str, str | None]]) -> list[tuple[str, Markup]]:

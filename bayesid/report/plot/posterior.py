@@ -96,7 +96,7 @@ def trace_figure(findings: ReportData, count: int) -> fig.Figure:
             traces.append(fig.Line(place, ensemble, colour, width=0.4, alpha=0.5))
         last = k == len(names) - 1
         density_panel = fig.Panel(outlines, _SCALE * last, name, y_ticks=fig.NO_TICKS)
-        rows.append([density_panel, fig.Panel(traces, "draw, in order of sweeps" * last)])
+        rows.append([density_panel, fig.Panel(traces, "draw, in order of sampling" * last)])
     return fig.Figure(rows, 0.6 + 1.15 * len(chosen))
 
 
