@@ -27,7 +27,7 @@ from bayesid.regression.selection.scores import at_blunt_floor, best_forms, join
 from bayesid.regression.tuning import TUNING as REGRESSION
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
-"""Data that show an unexplained joint: residual above the floor on the log, or on held-back data; or a residual on
+"""Data that show an unexplained joint: residual above the floor on the log, or on held-back data; or one above it on
 held-back data that grew when the model was identified again."""
 _LOG_POSTERIOR = attrgetter("log_posterior")
 

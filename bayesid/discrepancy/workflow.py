@@ -252,7 +252,8 @@ def _unexplained(
     `before` and `after` are the errors of the earlier and the extended model on held-back data.
     """
     above = floor.exceeded(after.rms) & after.surely_above(floor.rms)
-    by_data = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
+    grown = after.surely_grown(before) & (after.rms > floor.rms)
+    by_data = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(grown)}
     joints = sorted(set().union(*by_data.values()))
     ratios = tuple((j, on_log.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
     return ratios, {j: tuple(name for name, shown in by_data.items() if j in shown) for j in joints}
@@ -290,9 +291,10 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     blunt = np.flatnonzero(~floor.sharp).tolist()
     if blunt:
         joints = ", ".join(str(j + 1) for j in blunt)
-        residual = f"the earlier model's relative residual on its own log is above {percent(TUNING.good_fit, 0)}"
+        effort = f"{percent(TUNING.good_fit, 0)} of this log's RMS effort"
+        residual = f"the earlier model's residual on its own log, before filtering, is above {effort}"
         source = f"the noise floor is taken from this log ({floor.origin[blunt[0]]})"
-        warnings.append(f"{residual} in joint {joints}: {source}")
+        warnings.append(f"{residual} in joint{'s' * (len(blunt) > 1)} {joints}: {source}")
     if stopped:
         limit = f"the search for sets of effects stopped after {TUNING.most_sets} sets"
         warnings.append(f"{limit}: others may explain the log equally well")

@@ -188,10 +188,10 @@ class LinkLength(Displacement):
     name = "link_length"
     shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
     phrase = Phrase(
-        "{whose} link is {a} longer than the table's a, if the model's masses are right.",
-        "an error of DH length a",
+        "{whose} link is {a} longer than in the robot file, if the model's masses are right.",
+        "an error of a link length",
         size="a",
-        opposite="{whose} link is {a} shorter than the table's a, if the model's masses are right.",
+        opposite="{whose} link is {a} shorter than in the robot file, if the model's masses are right.",
         units={"a": _MILLIMETRES},
     )
     typical = (0.01,)
@@ -204,10 +204,10 @@ class LinkOffset(Displacement):
     name = "link_offset"
     shown_by = "moving the joints before the link through their ranges, fast, in several postures"
     phrase = Phrase(
-        "{whose} link offset is {d} more than the table's d, if the model's masses are right.",
-        "an error of DH length d",
+        "{whose} link offset is {d} more than in the robot file, if the model's masses are right.",
+        "an error of a link offset",
         size="d",
-        opposite="{whose} link offset is {d} less than the table's d, if the model's masses are right.",
+        opposite="{whose} link offset is {d} less than in the robot file, if the model's masses are right.",
         units={"d": _MILLIMETRES},
     )
     typical = (0.01,)
@@ -220,10 +220,10 @@ class LinkTwist(Displacement):
     name = "link_twist"
     shown_by = "moving the joints on both sides of the link slowly through their ranges"
     phrase = Phrase(
-        "{whose} link twist is {alpha} more than the table's alpha, if the model's masses are right.",
-        "an error of DH angle alpha",
+        "{whose} link twist is {alpha} more than in the robot file, if the model's masses are right.",
+        "an error of a link twist",
         size="alpha",
-        opposite="{whose} link twist is {alpha} less than the table's alpha, if the model's masses are right.",
+        opposite="{whose} link twist is {alpha} less than in the robot file, if the model's masses are right.",
         units={"alpha": _DEGREES},
     )
     typical = (math.radians(1.0),)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator, Sequence
 
 from bayesid.discrepancy.selection import GROWN
@@ -12,6 +11,7 @@ from bayesid.identification.checks import Check
 from bayesid.number_text import percent, quantity, rounded
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.report.discrepancy import (
+    above_floor,
     above_the_floor,
     below_zero,
     data_in_words,
@@ -90,9 +90,12 @@ def _how_large(discrepancy: Discrepancy) -> Iterator[Check]:
         what = f"{label(added.effect)} {main_number(added, len(discrepancy.before))}".rstrip()
         yield Check("Size", "good", f"{what}: up to {largest} in joint {size.joint}, {share}")
     elif discrepancy.where:
-        worst = max(discrepancy.where, key=lambda one: one.excess / discrepancy.floor.rms[one.joint - 1])
-        excess = effort_in_words(discrepancy, worst.excess, worst.joint)
-        yield Check("Size", "look", f"{excess} (RMS above the noise floor) in joint {worst.joint}")
+        ratios, joints = discrepancy.before / discrepancy.floor.rms, [shown.joint for shown in discrepancy.where]
+        above = {j: above_floor(discrepancy, j, float(ratios[j - 1])) for j in joints}
+        joint = max(above, key=lambda j: above[j])
+        if above[joint] > 0.0:
+            excess = f"{effort_in_words(discrepancy, above[joint], joint)} (RMS above the noise floor) in joint {joint}"
+            yield Check("Size", "look", f"{excess}, on {data_in_words(discrepancy)}")
 
 
 def _remaining(discrepancy: Discrepancy) -> Check:
@@ -103,7 +106,7 @@ def _remaining(discrepancy: Discrepancy) -> Check:
             worse.append(joint)
         else:
             ratio, _ = over_the_floor(discrepancy, joint)
-            size = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+            size = above_floor(discrepancy, joint, ratio)
             above.append(f"{rounded(size, 2)} {unit_of(discrepancy, joint)} in joint {joint}")
     said = [f"{listed(above)} above the noise floor, unexplained"] if above else []
     if worse:

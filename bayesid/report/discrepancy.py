@@ -130,6 +130,16 @@ def data_in_words(discrepancy: Discrepancy) -> str:
     return "the held-back blocks" if discrepancy.holdout.startswith("held-back blocks ") else HOLDOUT
 
 
+def new_model(discrepancy: Discrepancy) -> str:
+    """What the model after the comparison is called: fitted to both logs, with the added effects if there are some."""
+    return "extended model" if discrepancy.added else "refitted model"
+
+
+def above_floor(discrepancy: Discrepancy, joint: int, ratio: float) -> float:
+    """RMS of a joint (from 1) above its noise floor, N m, if its residual is `ratio` times the floor."""
+    return float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+
+
 def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
     """An effort of a joint (from 1) with its unit."""
     return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
@@ -158,9 +168,7 @@ def _unexplained(discrepancy: Discrepancy, joint: int) -> Check:
         before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
         reasons.append(f"its gap on {data} grows from {before} to {effort_in_words(discrepancy, after, joint)}")
     message = f"Joint {joint} is unexplained: {'; '.join(reasons)}"
-    return Check(
-        "Unexplained", "bad", message, "see its residual in the report: no effect of the catalogue has this shape"
-    )
+    return Check("Unexplained", "bad", message, "see its residual in discrepancy.html: no tested effect explains it")
 
 
 def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:

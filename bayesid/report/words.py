@@ -33,7 +33,8 @@ def label(effect: str, joints: Sequence[int] = ()) -> str:
 def form_label(name: str, *remarks: str) -> str:
     """A form of an effect by its name, and remarks on it: cable drag (stiffening, changed)."""
     effect, _, form = name.partition(".")
-    details = [*([form.replace("_", " ")] if form else []), *remarks]
+    kind = "dry and viscous" if name == "thermal_drift.both" else form.replace("_", " ")
+    details = [*([kind] if kind else []), *remarks]
     return label(effect) + (f" ({', '.join(details)})" if details else "")
 
 

@@ -9,9 +9,13 @@ from made_trials import TERMS, arm_log
 
 import bayesid
 from bayesid.cli import main
+from bayesid.discrepancy.case import NoiseFloor
+from bayesid.discrepancy.selection import GROWN
 from bayesid.discrepancy.tuning import TUNING
+from bayesid.discrepancy.workflow import _unexplained
 from bayesid.log.log import Log
 from bayesid.log.reading import read_log
+from bayesid.regression.selection.cross_validation import CrossValidation
 from bayesid.report.discrepancy import discrepancy_summary
 from bayesid.studies import blind
 
@@ -84,6 +88,17 @@ def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, 
     assert not off[~result.floor.lasting].any()
     seen_on = [(one["joint"], tuple(one["seen_on"])) for one in discrepancy_summary(result)["unexplained"]]
     assert seen_on == list(result.unexplained_on.items())
+
+
+def test_a_gap_that_grows_below_the_floor_is_explained():
+    """Joints 1 and 2 grow alike from 0.5 to 0.7 N m; only the floor of joint 2 is lower."""
+    counts = np.full((4, 2), 100.0)
+    before, after = (CrossValidation(counts * level**2, counts) for level in (0.5, 0.7))
+    rms, sharp = np.array([1.2, 0.6]), np.zeros(2, dtype=bool)
+    floor = NoiseFloor(rms, ("", ""), np.stack([rms, rms], axis=1), sharp, rms, sharp)
+    ratios, shown_on = _unexplained({}, before, after, floor)
+    assert shown_on == {2: (GROWN,)}
+    assert ratios == ((2, pytest.approx(0.7 / 0.6)),)
 
 
 def spring(motion):

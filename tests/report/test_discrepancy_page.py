@@ -68,6 +68,12 @@ def test_the_page_holds_the_numbers_of_the_result():
     ]
 
 
+def test_without_an_added_effect_the_model_is_refitted():
+    for result, name in ((make(), "extended"), (make(added=(), unexplained=((2, 5.2),)), "refitted")):
+        text = discrepancy_page(result).lower()
+        assert {kind for kind in ("extended", "refitted") if f"{kind} model" in text} == {name}
+
+
 def test_the_table_of_effects_has_bodies_changes_and_what_is_unknown():
     page, text = page_of(partly_explained())
     assert [row[2] for row in rows_of(page, "Effects that were added")] == [

@@ -171,6 +171,14 @@ def test_the_data_that_show_an_unexplained_joint_are_reported():
         assert ("0.39 N m" in line(result, "Remaining")) != grown, "0.31 N m times the root of 1.6 squared less one"
 
 
+def test_sizes_are_of_the_held_back_data_and_the_largest_comes_first():
+    """Joint 3 has the larger ratio to its floor, joint 2 the larger excess; sizes on the log are others."""
+    where = Excess(2, 9.9, "load", (0.0, 1.0)), Excess(3, 8.8, "load", (0.0, 1.0))
+    before, floor = np.array([0.292, 5.0, 1.3]), floor_of(np.array([0.29, 3.0, 0.5]))
+    result = make(status="unexplained", added=(), where=where, before=before, floor=floor, unexplained=((2, 1.5),))
+    assert holds(line(result, "Size"), "4.00 N m", "joint 2", "holdout")
+
+
 def test_without_missing_effects_the_worst_joint_is_reported():
     result = make(status="no_discrepancy", **NOTHING, before=np.array([0.292, 0.312, 0.313]))
     assert discrepancy_checks(result) == ()

@@ -10,6 +10,7 @@ from html_page import Page
 from made_findings import make_findings, with_alternatives, with_summary
 from markupsafe import escape
 
+from bayesid.report.pages.coefficient_table import _caption
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.report.pages.rendering import typeset
 from bayesid.report.verdicts import check_findings
@@ -171,3 +172,8 @@ def test_a_minute_of_seven_joints_fits_into_a_mail():
     """60 s at 1 kHz, thinned as findings are; 900 segments, 68 coefficients' worth of draws, and a validation."""
     found = make_findings(n=7, count=20_000, per_joint=129, validated=True)
     assert len(identification_page(found).encode()) < 3_000_000
+
+
+def test_lengths_are_named_if_an_expression_has_them():
+    assert "lengths of the robot file" in _caption(False, False, ["mc2x + a2 M2"])
+    assert "robot file" not in _caption(False, False, ["J1yy + 0.656 mc3y", "Ia1 + 0.107584 M3"])  # of a URDF

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+
 import numpy as np
 from markupsafe import Markup
 
@@ -50,15 +53,17 @@ def coefficient_parts(findings: ReportData) -> list[Markup]:
             "point: this is the edge of physical feasibility. Coefficients and predicted efforts are not affected."
         )
         notes.append(html.paragraph(note, note=True))
-    return [html.table(_caption(nominal, bool(fixed)), headings, rows), *notes]
+    return [html.table(_caption(nominal, bool(fixed), found.expression), headings, rows), *notes]
 
 
-def _caption(nominal: bool, gains: bool) -> str:
+def _caption(nominal: bool, gains: bool, expressions: Iterable[str]) -> str:
     tick = "; tick, nominal value" if nominal else ""
+    named = any(re.search(r"\b[ad]\d", expression) for expression in expressions)
+    lengths = "; a2 and d2 are lengths of the robot file" if named else ""
     text = (
         "Base coefficients: the combinations of parameters that act on the efforts. Of link 2, J2xx is an inertia "
         "about the origin of its frame, mc2x a first moment (mass times centre of mass), m2 the mass. M2 is the mass "
-        "of links 2 to the last; a2 and d2 are lengths of the robot file. Prior matters: it gives more than "
+        f"of links 2 to the last{lengths}. Prior matters: it gives more than "
         f"{percent(POSTERIOR.of_prior, 0)} of the precision. Scaled by the coefficient's size: "
         f"bar, mean; line, 95 % interval{tick}."
     )

@@ -12,7 +12,7 @@ from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
-from bayesid.number_text import quantity
+from bayesid.number_text import percent, quantity
 from bayesid.parallel import one_at_a_time
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.fitted_effects import LN10
@@ -37,6 +37,7 @@ from bayesid.report.discrepancy import (
     discrepancy_conclusion,
     equivalents,
     listed_sets,
+    new_model,
     over_the_floor,
     parameter_text,
     set_in_words,
@@ -53,10 +54,10 @@ from bayesid.report.plot.discrepancy import (
     timeline_figure,
 )
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import best_first, form_label, joints_in_words, label, score_label, unit_of
+from bayesid.report.words import best_first, form_label, joints_in_words, label, score_label, unit_of, upper
 
-_WORDS = {"good": "found", "look": "look", "bad": "unexplained", "not done": "not testable"}
-"""States of checks."""
+_WORDS = {"not done": "not testable"}
+"""Words for states of checks, if others than the states."""
 _PLACES = {"Unexplained": "where", "Learned function": "left-out", "Noise floor": "gap", "Not testable": "not-testable"}
 """Sections with more on a check."""
 
@@ -65,10 +66,11 @@ _PLACES = {"Unexplained": "where", "Learned function": "left-out", "Noise floor"
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: self-contained, light or dark, printable."""
     robot, log = discrepancy.identification.model.robot.name, discrepancy.identification.log.source
+    conclusion = discrepancy_conclusion(discrepancy)
     return html.page(
         "What the model lacks",
         f"{robot}, {log}",
-        (discrepancy.status, discrepancy_conclusion(discrepancy).sentence),
+        (conclusion.state, conclusion.sentence),
         html.lines(in_brief(discrepancy)),
         [("Robot", robot), ("Log", log), ("Errors on", discrepancy.holdout)],
         discrepancy.warnings,
@@ -103,11 +105,13 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
         unit = unit_of(discrepancy, joint)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
+    new = new_model(discrepancy)
+    of_new = "extended by the effects found" if discrepancy.added else "refitted to both logs, without an added effect"
     caption = (
-        f"Gap on {discrepancy.holdout}: RMS residual of the model of the earlier log and of the model extended by the "
-        "effects found. Noise floor: the part that no model can explain; white noise: its uncorrelated part."
+        f"Gap on {discrepancy.holdout}: RMS residual of the earlier model, and of that model {of_new}. Noise floor: "
+        "the part that no model can explain. White noise: the part of the floor without correlation in time."
     )
-    headings = ["Joint", "Earlier model", "Extended model", "Noise floor", "White noise", "Extended model over floor"]
+    headings = ["Joint", "Earlier model", upper(new), "Noise floor", "White noise", f"{upper(new)} over floor"]
     headings += ["Floor estimated from", "Remark"]
     alt = "Bars of the gap of each joint, as in the table, in units of its noise floor."
     drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
@@ -221,7 +225,7 @@ def _where(discrepancy: Discrepancy) -> list[Markup]:
         span = Markup("{} to {}").format(html.number(low), html.number(high, unit))
         rows.append((str(excess.joint), size, excess.variable, span))
         below = f"Joint {excess.joint}: measured minus modelled effort over {excess.variable}."
-        alt = f"{below} Earlier model and extended model."
+        alt = f"{below} Earlier model and {new_model(discrepancy)}."
         drawn.append(html.picture(residual_figure(discrepancy, excess.joint), f"residual{excess.joint}", below, alt))
     caption = (
         f"Joints in which the earlier model exceeds the noise floor on the log{without}, its parameters adapted within "
@@ -237,12 +241,11 @@ def _efforts(discrepancy: Discrepancy) -> list[Markup]:
     unsigned = (np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1).tolist()
     note = "On the log that was compared."
     if unsigned:
-        note += (
-            f" The log has no signs in {joints_in_words(unsigned)}: measured efforts have the extended model's signs."
-        )
+        signs = f"measured efforts have the {new_model(discrepancy)}'s signs"
+        note += f" The log has no signs in {joints_in_words(unsigned)}: {signs}."
     pictures = []
     for joint in range(1, len(discrepancy.before) + 1):
-        alt = f"Effort of joint {joint} over time: measured, earlier model and extended model."
+        alt = f"Effort of joint {joint} over time: measured, earlier model and {new_model(discrepancy)}."
         figure = effort_figure(discrepancy, joint)
         pictures.append(html.picture(figure, f"effort{joint}", f"Joint {joint}.", alt, "effort"))
     return [html.paragraph(note, note=True), html.figures(pictures)]
@@ -267,9 +270,15 @@ def _candidates(discrepancy: Discrepancy) -> list[Markup]:
     caption = (
         f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
         "log10 Bayes factor is that of each effect alone in its best form, added to the earlier model, and that given "
-        f"the other added effects. An effect is added if the latter is at least {needed:g} and "
+        f"the other added effects. An effect is added if the latter is at least {needed:g}, it lowers the squared "
+        f"residual of a joint by at least {percent(discrepancy.thresholds.improvement, 0)} of the noise floor's, and "
         f"cross-validation on {data_in_words(discrepancy)} confirms it."
     )
+    if not discrepancy.added:
+        caption += (
+            " Not selected: beside other tested effects it did not meet these conditions, or the search ended before it"
+            " was tested."
+        )
     headings = ["Rank", "Effect", "Joints", "log10 Bayes factor alone", "Given the others", "Outcome"]
     below = f"The first {len(scores[: TUNING.bars])}, each alone; blue: added. Dashed: threshold."
     alt = f"Bars of log10 Bayes factors, as in the table; the largest: {score_label(scores[0])}."
@@ -281,7 +290,9 @@ def _outcome(discrepancy: Discrepancy, score: Score) -> str:
     if score.key in discrepancy.vetoed:
         return "not added: see below"
     if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
-        return "not needed with the added effects" if discrepancy.added else "not confirmed"
+        if score.improvement <= discrepancy.thresholds.improvement:
+            return "explains too little of the residual"
+        return "not needed with the added effects" if discrepancy.added else "not selected"
     return "not testable with this log" if score.key in discrepancy.not_testable else "too weak"
 
 
@@ -337,14 +348,14 @@ def _without_form(hypothesis: Hypothesis) -> str:
 @one_at_a_time
 def comparison_page(comparison: ChangeReport) -> str:
     """The report of several logs, in HTML: self-contained, light or dark, printable."""
-    last, logs = comparison.found[-1], log_names(comparison)
+    last, logs, conclusion = comparison.found[-1], log_names(comparison), comparison_conclusion(comparison)
     robot = comparison.earlier.model.robot.name
     basis = [("Order", comparison.dates.basis), ("Errors of the last on", last.holdout)]
     first = html.section("last", f"{logs[-1]} against the first log's model", html.lines(in_brief(last)))
     return html.page(
         "What changed since the first log",
         f"{robot}, {last.identification.log.source}",
-        ("", comparison_conclusion(comparison).sentence),
+        (conclusion.state, conclusion.sentence),
         html.lines(changes_in_brief(comparison)),
         [("Robot", robot), ("Logs", "; ".join(logs)), *basis],
         comparison.warnings,

@@ -15,12 +15,13 @@ from bayesid.number_text import rounded
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.report.comparison import moved_parameters
+from bayesid.report.discrepancy import new_model
 from bayesid.report.plot import figure as fig
 from bayesid.report.report_data import binned, evenly
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, score_label, unit_of
 
-_EARLIER, _EXTENDED = "earlier model", "extended model"
+_EARLIER = "earlier model"
 _BEFORE, _AFTER = fig.ORANGE, fig.BLUE
 
 
@@ -36,8 +37,8 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
     used = trial.used[:, j]
     value = variables(trial, discrepancy.predicted_before, j)[variable][used]
     floor = float(discrepancy.floor.rms[j])
-    panels = []
-    sides = (discrepancy.predicted_before, _BEFORE, _EARLIER), (discrepancy.predicted_after, _AFTER, _EXTENDED)
+    panels, new = list[fig.Panel](), new_model(discrepancy)
+    sides = (discrepancy.predicted_before, _BEFORE, _EARLIER), (discrepancy.predicted_after, _AFTER, new)
     for predicted, colour, title in sides:
         residual = (trial.nearest(predicted) - predicted)[used, j]
         shown = evenly(len(value), TUNING.scatter)
@@ -54,13 +55,13 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
 
 
 def effort_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
-    """Measured effort of a joint (from 1), with the extended model's sign where unsigned, and both models' efforts."""
+    """Measured effort of a joint (from 1), with the new model's sign where unsigned, and both models' efforts."""
     trial, j = discrepancy.trial, joint - 1
     time = trial.signals.motion.t - trial.signals.motion.origin
     curves = (
         fig.Line(time, trial.nearest(discrepancy.predicted_after)[:, j], fig.INK, "measured", 2.4, 0.55),
         fig.Line(time, discrepancy.predicted_before[:, j], _BEFORE, _EARLIER, 1.0),
-        fig.Line(time, discrepancy.predicted_after[:, j], _AFTER, _EXTENDED, 1.0),
+        fig.Line(time, discrepancy.predicted_after[:, j], _AFTER, new_model(discrepancy), 1.0),
     )
     marks = fig.thinned(curves, TUNING.page_curve)
     panel = fig.Panel(marks, "time, s", f"effort, {unit_of(discrepancy, joint)}", margins=(0.01, 0.05))
@@ -72,7 +73,7 @@ def gap_figure(discrepancy: Discrepancy) -> fig.Figure:
     floor, n = discrepancy.floor.rms, len(discrepancy.before)
     place = np.arange(n)
     marks: list[fig.Mark] = []
-    sides = (discrepancy.before, _BEFORE, -0.2, _EARLIER), (discrepancy.after, _AFTER, 0.2, _EXTENDED)
+    sides = (discrepancy.before, _BEFORE, -0.2, _EARLIER), (discrepancy.after, _AFTER, 0.2, new_model(discrepancy))
     for gap, colour, shift, name in sides:
         ratio, row = gap / floor, place + shift
         texts = [f"{rounded(float(of_joint))} {unit_of(discrepancy, j)}" for j, of_joint in enumerate(gap, start=1)]
