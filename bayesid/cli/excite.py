@@ -42,6 +42,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load
 from bayesid.motion import Motion
 from bayesid.progress import Progress
+from bayesid.report.commands import LIMITS
 from bayesid.report.motions import (
     DESIGN_FILES,
     DESIGN_MARKER,
@@ -102,7 +103,8 @@ def excite_command(options: argparse.Namespace) -> None:
         return
     with stages(options) as progress:
         judged = _judge(robot, options, progress)
-    conclusion = assessment_conclusion(judged, shlex.join(["bayesid", "excite", *given]))
+    limits = [] if _urdf(robot) is not None or "--limits" in given else ["--limits", LIMITS]
+    conclusion = assessment_conclusion(judged, shlex.join(["bayesid", "excite", *given, *limits]))
     last = (
         ""
         if conclusion.state == "bad"
@@ -235,9 +237,13 @@ def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel)
 
 
 def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
-    urdf = None if robot.origin is None else robot.origin.urdf
+    urdf = _urdf(robot)
     source = options.limits or urdf
     return None if source is None else read_limits(source, robot, urdf)
+
+
+def _urdf(robot: Robot) -> Path | None:
+    return None if robot.origin is None else robot.origin.urdf
 
 
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:

@@ -199,7 +199,9 @@ def _joints(result: Identification, findings: ReportData) -> RenderableType:
     for j, known in enumerate(signed.tolist()):
         of_joint = segments.joint == j
         ambiguous = int((of_joint & segments.ambiguous & segments.moving).sum())
-        signs = ["known", "known"] if known else [str(ambiguous), percent(shares[j], 1)]
+        most = 1.0 - 0.5 * (findings.summary.signs.model_error_probability[j] or 0.0)
+        sure = percent(shares[j], 1) if most >= SURE else f"capped at {most:.2f}"
+        signs = ["known", "known"] if known else [str(ambiguous), sure]
         count = str(int(of_joint.sum()))
         rows.append([str(j + 1), count, *([] if signed.all() else signs), percent(residual[j], 1)])
     of_signs = [] if signed.all() else ["ambiguous in motion", f"|effort| with a sign {percent(SURE, 0)} certain"]

@@ -228,9 +228,10 @@ def read_motion_for(options: argparse.Namespace, identified: IdentifiedModel, pa
 
 def kept_reading(options: argparse.Namespace, kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """The reading options of a result's log; prints those that are used, and warns of those that are overridden."""
-    applied = {name: value for name, value in kept.items() if name != "gains" and given.get(name) is None}
+    applied = {name: value for name, value in kept.items() if given.get(name) is None}
     if applied and not options.quiet:
-        note(f"reading options of the result's log: {shlex.join(in_words(applied))}")
+        applied |= {"gains": str(applied["gains"])} if "gains" in applied else {}
+        note(f"read like the result's log: {shlex.join(in_words(applied))}")
     for name, value in kept.items():
         if given.get(name) is not None and not _alike(value, given[name]):
             scale = "; the model has the scale of the result's gains" * (name == "gains")
@@ -263,9 +264,13 @@ def finish(
         show(*parts, *([] if conclusion is None else verdict_parts(conclusion)))
         if last:
             console().print(printable(last), soft_wrap=True)  # unfolded, since it holds a command or a path
+    bad = conclusion is not None and conclusion.state == "bad"
+    strict = getattr(options, "strict", False)
+    if conclusion is not None and bad and options.quiet and not strict:
+        note(conclusion.sentence)
     for message in incomplete:
         raise BayesidError(message)
-    if conclusion is not None and conclusion.state == "bad" and getattr(options, "strict", False):
+    if conclusion is not None and bad and strict:
         raise RedVerdictError(conclusion.sentence)
 
 

@@ -38,6 +38,7 @@ from bayesid.report.payload import (
 from bayesid.report.report_data import FILE, read_report_data
 from bayesid.report.result_files import MARKER
 from bayesid.report.verdicts import check_findings
+from bayesid.report.words import joints_in_words
 from bayesid.signs.search.certified import Certified
 
 PREDICTION = "prediction.csv"
@@ -127,10 +128,20 @@ def predict_command(options: argparse.Namespace) -> None:
     figures = zip(result.units, largest, half, strict=True)
     rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
     headings = ["joint", "largest effort", "95 % band: +- (median)", "unit"]
+    wide = (np.flatnonzero(half > largest) + 1).tolist()
+    undetermined = "the band is wider than the effort: the log did not determine the coefficients"
+    wide_bands = [f"{joints_in_words(wide)}: {undetermined}"] if wide else []
     again = shlex.join(["bayesid", "validate", str(options.result), "RECORDED.csv"])
     last = f"written to {options.out}; next, with a recording of the motion: {again}"
     corrected = [f"positions read with --correct {correct}; efforts in order and directions of the robot file"]
-    finish(options, table(headings, rows), f"95 % band: {result.holds}", *(corrected if correct else []), last=last)
+    finish(
+        options,
+        table(headings, rows),
+        f"95 % band: {result.holds}",
+        *(corrected if correct else []),
+        *wide_bands,
+        last=last,
+    )
 
 
 def report_command(options: argparse.Namespace) -> None:

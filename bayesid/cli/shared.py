@@ -58,7 +58,7 @@ _SHARED = dict(
         path("--out DIR", ""),
         flag("--force", "replace an earlier result"),
         flag("--strict", "exit code 3 if the verdict is bad"),
-        flag("--quiet", "print only warnings and errors"),
+        flag("--quiet", "print only warnings, errors and a bad verdict"),
     ]
 )
 

@@ -113,7 +113,9 @@ def _replay(options: argparse.Namespace) -> None:
         with progress.stage("write"):
             save_replay(folder, result, streamed, options.plot)
     seen, last = offline is not None and offline.seen, float(log.t[-1])
-    conclusion = stream_conclusion(result.alarms, str(options.result), last, (result.named or {}).keys())
+    residual = 0.0 if offline is None else float(np.nanmax([0.0, *offline.relative_residual]))
+    explained = (result.named or {}).keys()
+    conclusion = stream_conclusion(result.alarms, result.figures, str(options.result), last, explained, residual)
     lines = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
     finish(
         options,
@@ -181,7 +183,7 @@ def _follow(options: argparse.Namespace) -> None:
         raise BrokenPipeError from None
     if not options.quiet:
         note(count_line(tracker.counts, figures, tracker.lag, rate, reader.bad))
-        note(stream_conclusion(tracker.alarms, str(options.result), 0.0).sentence)
+        note(stream_conclusion(tracker.alarms, figures, str(options.result), 0.0).sentence)
 
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:

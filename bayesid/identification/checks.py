@@ -134,8 +134,8 @@ def not_proven(cost: float, lower_bound: float | None, uncertified_because: str,
     if timed_out or lower_bound is None:
         return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
     gap = cost - lower_bound
-    found = f"the squared residual of another assignment may be up to {percent(gap / max(cost, TINY), 1)} smaller"
-    message = f"not proven ({found if gap < cost else 'no lower bound was found'})"
+    room = f"the proof leaves room for a squared residual {percent(gap / max(cost, TINY), 1)} lower"
+    message = f"not proven (no better signs were found, but {room if gap < cost else 'no lower bound either'})"
     return Check("Proof", "look", message, "give more --search-budget, or a longer log")
 
 
@@ -150,7 +150,7 @@ def confidences_lowered(model_error_probability: Sequence[float]) -> str:
     """Limits of the confidences by (n,) probabilities that the model is too wrong to determine the signs."""
     shown = [(j, share) for j, share in enumerate(model_error_probability, start=1) if share >= TUNING.shown_doubt]
     limits = ", ".join(f"{1.0 - 0.5 * share:.2f} in joint {j}" for j, share in shown)
-    return f"model error is large: confidences are at most {limits}"
+    return f"model error is large: confidences are capped at {limits}"
 
 
 def convergence(max_rhat: float | None, min_ess: float | None) -> str:

@@ -56,7 +56,7 @@ class Fault:
             how = "reads exactly zero" if self.kind == "zero" else "is frozen"
             often = f"{len(self.start)} times, " if len(self.start) > 1 else ""
             what = f"{self.reading} {how} in motion, {often}{lasting}"
-        return f"joint {self.joint + 1}: {what}; these readings are not used"
+        return f"joint {self.joint + 1}: {what}; left out"
 
 
 @dataclass(frozen=True)

@@ -245,7 +245,7 @@ def as_log(source: LogSource, robot: Robot, kept: Mapping[str, Any] = MappingPro
 def angle_unit(table: Table, degrees: bool | None) -> float:
     """Unit, rad, of positions without a stated unit."""
     if degrees is None and (far := far_positions(table)):
-        what = f"positions reach {max(far):.4g}: are they degrees?"
+        what = f"positions reach {max(far):.4g}, so they may be degrees"
         if max(far) * DEGREE > TUNING.many_turns:
             what = f"positions reach {max(far):.4g}, too large for rad or degrees (encoder counts?)"
             raise InputError(what, table.source, "convert them to rad or degrees (`degrees=False` if they are rad)")

@@ -103,8 +103,10 @@ def remarks_on_time(table: Table, q: Array) -> list[str]:
     notes = []
     if len(jumps):
         when = ", ".join(f"{table.t[k]:.3f}" for k in jumps[:3]) + (" ..." if len(jumps) > 3 else "")
-        often = f"{len(jumps)} time{'s' * (len(jumps) > 1)}"
-        notes = [f"time jumps {often}, {steps[jumps].sum():.3g} s in total, after {when} s; these pauses are left out"]
+        often, pause = f"{len(jumps)} time{'s' * (len(jumps) > 1)}", float(steps[jumps].sum())
+        missing = pause / float(np.median(steps[steps > 0.0])) - len(jumps)
+        rows = f" (about {missing:,.0f} rows)" if missing < len(table.t) else ""
+        notes = [f"time jumps {often}, after {when} s, by {pause:.3g} s in total{rows}"]
     if stopped.any():
         notes.append(f"{stopped.sum():,} rows repeat the time of the row before while joints move; they are left out")
     return [f"{table.source}: {note}" for note in notes]

@@ -40,6 +40,8 @@ class StreamFigures:
     # (n,) largest external torque over its threshold that two successive samples reached, as in the test of a contact
     # (`bayesid.monitor.changes`); nan if unknown
     pushed: Array
+    effort: Array  # (n,) largest |effort|, N m; nan if unknown
+    threshold: Array  # (n,) smallest threshold of a contact, N m; nan if unknown
     instants: int = 0  # known samples
     times: UpdateTimes = field(default_factory=UpdateTimes)  # computing times of the updates
     last: Array | None = None  # (n,) external torque over its threshold in the last sample; nan if unknown
@@ -47,7 +49,7 @@ class StreamFigures:
     @classmethod
     def of_joints(cls, n: int) -> StreamFigures:
         """Before the first sample."""
-        return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.full(n, np.nan))
+        return cls(np.zeros(n, dtype=np.int64), np.zeros(n), *np.full((3, n), np.nan))
 
     def add(self, now: TrackedSample) -> None:
         """Adds a known sample."""
@@ -56,9 +58,16 @@ class StreamFigures:
         self.moving += counts
         self.squares += np.where(counts, now.residual, 0.0) ** 2
         ratio = np.where(np.isfinite(now.threshold), np.abs(now.external) / now.threshold, np.nan)
+        self.effort = np.fmax(self.effort, np.abs(now.effort))
+        self.threshold = np.fmin(self.threshold, np.where(np.isfinite(now.threshold), now.threshold, np.nan))
         if self.last is not None:
             self.pushed = np.fmax(self.pushed, np.minimum(ratio, self.last))
         self.last = ratio
+
+    @property
+    def blind(self) -> Integers:
+        """0-based joints whose threshold is always above their largest effort."""
+        return np.flatnonzero(self.threshold > self.effort)
 
     @property
     def rms(self) -> Array:

@@ -14,6 +14,8 @@ from bayesid.report.tuning import TUNING
 
 ANOTHER_LOG = "ANOTHER_LOG.csv"
 """Placeholder of a log."""
+LIMITS = "LIMITS.toml"
+"""Placeholder of a file of joint limits."""
 
 
 def find_discrepancy(findings: ReportData, log: str = "") -> str:
@@ -48,6 +50,8 @@ def excite(summary: Summary) -> str:
         words += ["--tip", str(options["tip"])]
     if isinstance(hold, Mapping):
         words += ["--hold", ",".join(f"{name}={position}" for name, position in hold.items())]
+    if not words[1].endswith(".urdf"):  # a URDF holds limits
+        words += ["--limits", LIMITS]
     return f"`bayesid excite {shlex.join(words)}`"
 
 

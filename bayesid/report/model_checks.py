@@ -14,6 +14,7 @@ from bayesid.identification.checks import Check, State
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.number_text import percent, rounded
+from bayesid.regression.knowledge import KinematicTolerance
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.grading import graded
@@ -118,8 +119,8 @@ def intervals(summary: Summary) -> list[Check]:
     for undetectable in found:
         narrow = f"the intervals of {listed(undetectable.coefficients)} are too narrow"
         if undetectable.times is not None:
-            looks = f"the residual suggests geometry errors {undetectable.times:.1f} times the stated tolerance"
-            parts.append(f"{looks}: {narrow}")
+            looks = f"the residual suggests geometry errors of about {geometry_error(summary, undetectable.times)}"
+            parts.append(f"{looks} (assumed: {geometry_error(summary, 1.0)}): {narrow}")
             state = "look"
             remedies.append("check the robot file's geometry")
         else:
@@ -128,6 +129,15 @@ def intervals(summary: Summary) -> list[Check]:
             parts.append(f"if {whose} has {there}, {narrow}; the log cannot show it")
             remedies.append("if so, state known parameters of these links by `--nominal`")
     return [Check(name, state, "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
+
+
+def geometry_error(summary: Summary, times: float) -> str:
+    """The tolerance of the geometry, so many times."""
+    options, usual = summary.provenance.options, KinematicTolerance()
+    stated = options.get("prior.length_sd"), options.get("prior.angle_sd")
+    pairs = zip(stated, (usual.length, usual.angle), strict=True)
+    length, angle = (sd if isinstance(sd, float) else default for sd, default in pairs)
+    return f"{rounded(1e3 * times * length, 2)} mm or {rounded(np.rad2deg(times * angle), 2)} degrees"
 
 
 def whiteness(findings: ReportData) -> Check:
@@ -206,7 +216,7 @@ def validation(findings: ReportData) -> Check:
         message += f"; no effort to compare in {joints_in_words(j + 1 for j in left_out)}"
     if poor:
         loaded = f"if the robot carried a load, {commands.payload(findings, prediction.source)} identifies it"
-        return Check(name, "bad", message, f"do not use the model for this motion; {loaded}; {lacks}")
+        return Check(name, "bad", message, f"check order and direction of the joints; {loaded}; {lacks}")
     identified = np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
     ratio = prediction.rms_error[compared] / np.maximum(identified, TINY)
     alike = covered and np.all(ratio <= TUNING.worse)

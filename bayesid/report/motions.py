@@ -171,7 +171,7 @@ def assessment_text(assessment: ExcitationAssessment) -> str:
         for j in range(len(assessment.reach))
     ]
     lines = [
-        f"{assessment.source}: excitation is {assessment.state}",
+        f"{assessment.source}: excitation: {assessment.state}",
         table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
         f"doubtful: expected energy with a wrong sign; both at a noise of {percent(assessment.noise, 0)}",
@@ -189,10 +189,14 @@ def assessment_conclusion(assessment: ExcitationAssessment, design: str) -> Conc
     count, few = len(assessment.coefficients), len(assessment.undecided)
     most = percent(EXCITATION.most_undetermined, 0)
     undetermined = f"; {few} of {count} coefficients are not determined (good: at most {most})" if few else ""
+    doubtful = ""
+    if (share := float(assessment.doubtful.max())) > EXCITATION.doubtful_energy:
+        limit = percent(EXCITATION.doubtful_energy, 0)
+        doubtful = f"; the sign of up to {percent(share, 0)} of a joint's energy is doubtful (good: at most {limit})"
     sentences: dict[State, str] = {
         "good": f"The motion determines the signs and most coefficients{undetermined}",
-        "look": "Some coefficients or signs are not determined",
-        "bad": "A joint or its signs cannot be identified from this motion",
+        "look": f"Usable with care{undetermined}{doubtful}",
+        "bad": f"A joint or its signs cannot be identified from this motion{undetermined}",
     }
     action = Check("Excitation", state, "", f"`{design}` designs another motion")
     return Conclusion(state, sentence(state, sentences[state]), () if state == "good" else (action,))

@@ -66,6 +66,9 @@ def payload_rows(reading: PayloadEstimate) -> list[tuple[str, ...]]:
     """Of a table with `HEADINGS`: mass, centre of mass, inertia about it, the efforts' factor, as far as known."""
     body, factor = reading.body, reading.gain_factor
     rows = [_row("mass", body.mass, "kg")]
+    if not body.shown:
+        _, _, sd, interval, unit = rows[0]
+        rows = [("mass", "-", sd, interval, unit)]
     rows += [
         _row(f"centre of mass {axis}", estimate, "m") for axis, estimate in zip("xyz", body.centre or (), strict=False)
     ]
@@ -120,10 +123,16 @@ def _weigh(reading: PayloadEstimate) -> str:
 def _unchanged(reading: PayloadEstimate, result: str) -> Check:
     name, check = "Other changes", reading.check
     worst, most = int(check.residual.argmax()), int((check.moved / check.moved_limits).argmax())
-    residual = f"residual at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}; limit "
-    links = f"chi-square of all coefficients {check.chi_square:.0f} (limit {check.limit:.0f})"
-    own = f"of joint {most + 1} alone {check.moved[most]:.0f} (limit {check.moved_limits[most]:.0f})"
-    seen = f"{residual}{check.MOST_RESIDUAL:g}), {links}, {own}"
+    residual, limit = check.residual[worst], check.MOST_RESIDUAL
+    own, own_limit = check.moved[most], check.moved_limits[most]
+    times, links = f"{residual:.2f} times the earlier log's noise", f"{check.chi_square:.0f} (limit {check.limit:.0f})"
+    figures = (
+        (residual > limit, f"residual at most {times} (joint {worst + 1}; limit {limit:g})"),
+        (check.chi_square > check.limit, f"chi-square of all coefficients {links}"),
+        (own > own_limit, f"chi-square of joint {most + 1} alone {own:.0f} (limit {own_limit:.0f})"),
+    )
+    failed = [text for beyond, text in figures if beyond]
+    seen = ", ".join(failed or [text for _, text in figures])
     if check.passed:
         return Check(name, "good", f"none detected: {seen}")
     remedy = _names_change(reading, result)

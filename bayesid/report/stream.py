@@ -18,6 +18,7 @@ from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay, StreamFigures
 from bayesid.monitor.tracker import Counts, TrackedSample
 from bayesid.number_text import percent, rounded
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.summary import as_json, as_object, taken
@@ -118,6 +119,7 @@ def stream_summary(result: StreamResult) -> dict[str, Any]:
         "update_microseconds": {name: 1e6 * figures.times.quantile(share) for name, share in quantiles.items()},
         "rms_residual": figures.rms,
         "largest_external_over_threshold": figures.pushed,
+        "smallest_threshold": figures.threshold,
         "smoothing": _agreement(result.smoothing),
         "known_signs": _agreement(result.known),
     }
@@ -129,18 +131,22 @@ def _agreement(signs: Agreement | None) -> dict[str, Any] | None:
     return None if signs is None else taken(signs, *names, sure=signs.sure_share)
 
 
-HEADINGS = ("joint", "signs agree", "99 % certain", "RMS residual, N m", "external / threshold")
-NOTE = "external / threshold: largest value that two successive samples reach; above 1: contact or change"
+HEADINGS = ("joint", "signs agree", "99 % certain", "RMS residual, N m", "threshold, N m", "external / threshold")
+NOTE = (
+    "threshold: smallest external torque that is reported as a contact; external / threshold: largest value that two "
+    "successive samples reach; above 1: contact or change"
+)
 
 
 def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tuple[str, ...]]:
     """Rows of a table with `HEADINGS`, one per joint."""
     unknown = np.full(len(figures.moving), np.nan)
     agree, sure = (unknown, unknown) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
-    columns = (agree.tolist(), sure.tolist(), figures.rms.tolist(), figures.pushed.tolist())
+    columns = agree, sure, figures.rms, figures.threshold, figures.pushed
+    texts = _percent, _percent, _in_units, _in_units, lambda pushed: _known(pushed, f"{pushed:.2f}")
     return [
-        (str(j), _percent(alike), _percent(certain), _known(rms, rounded(rms)), _known(pushed, f"{pushed:.2f}"))
-        for j, (alike, certain, rms, pushed) in enumerate(zip(*columns, strict=True), start=1)
+        (str(j), *(text(float(value)) for text, value in zip(texts, values, strict=True)))
+        for j, values in enumerate(zip(*columns, strict=True), start=1)
     ]
 
 
@@ -157,22 +163,22 @@ def track_lines(
         signed: whether the efforts of all joints have signs in the log.
     """
     if smoothing is None:
-        checks = [Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}")]
+        checks = [Check("Signs", "look", f"not compared with signs found from the whole log: {status}")]
     elif smoothing.samples.any():
         where = " (the log that the model was identified from)" if seen else ""
-        checks = [Check("Signs", "good", f"{_agreed(smoothing, 'the smoothing of the whole log')}{where}")]
+        checks = [Check("Signs", "good", f"{_agreed(smoothing, 'found afterwards from the whole log')}{where}")]
     elif signed:
         checks = [Check("Signs", "good", "all known in the log")]
     else:
-        checks = [Check("Signs", "look", "not compared: stream and smoothing share no sample in motion with a sign")]
+        checks = [Check("Signs", "look", "not compared: no sample in motion has both signs")]
     if known is not None and known.samples.any():
-        checks.append(Check("Known signs", "good", _agreed(known, "the log, for a stream of absolute values")))
+        checks.append(Check("Known signs", "good", _agreed(known, "in the log, if the stream has absolute values")))
     return checks
 
 
 def _agreed(signs: Agreement, other: str) -> str:
     certain = f"{_percent(signs.sure_share)} are at least 99 % certain, of these {_percent(signs.share_of_sure)} agree"
-    return f"{_percent(signs.share)} of the samples in motion have the sign of {other}; {certain}"
+    return f"{_percent(signs.share)} of the samples in motion agree with the signs {other}; {certain}"
 
 
 def count_line(counts: Counts, figures: StreamFigures, lag: float, rate: float, bad: int = 0) -> str:
@@ -190,10 +196,10 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, rate: float, 
         f"clock reset{'s' * (counts.set_back != 1)}": counts.set_back,
     }
     parts = [processed, *(f"{count:,} {name}" for name, count in skipped.items() if count)]
-    median, slow = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
-    update = f"update time {median:.0f} microseconds (median), {slow:.0f} (99.9 % quantile)"
-    if slow > 1e6 / rate:
-        update += f", longer than the period of {1e6 / rate:.0f}"
+    median, slow = (1e3 * figures.times.quantile(share) for share in (0.5, 0.999))
+    update = f"update time {median:.2g} ms (median), {slow:.2g} ms (99.9 % quantile)"
+    if slow > 1e3 / rate:
+        update += f", longer than the period of {1e3 / rate:.3g} ms"
     return f"{', '.join(parts)}; {update}; delay {lag:.3g} s"
 
 
@@ -205,21 +211,40 @@ def alarm_line(alarm: Alarm) -> str:
     return f"{text}{duration}{f', detected {later:.1f} s later' if later >= TUNING.soon else ''}"
 
 
-def stream_conclusion(alarms: Sequence[Alarm], result: str, last: float, named: Set[int] = frozenset()) -> Conclusion:
-    """Good without an alarm; else the alarms, and a remedy for each unexplained one.
+def stream_conclusion(
+    alarms: Sequence[Alarm],
+    figures: StreamFigures,
+    result: str,
+    last: float,
+    named: Set[int] = frozenset(),
+    residual: float = 0.0,
+) -> Conclusion:
+    """Good without an alarm if contacts can be seen in all joints; else a remedy for each unexplained alarm.
 
     Args:
         alarms: of the stream.
+        figures: its statistics.
         result: folder of the model.
         last: its last time, s.
         named: indices of the explained alarms.
+        residual: largest relative residual of the model on the whole log.
     """
+    unseen = _contacts_unseen(figures)
     if not alarms:
-        return Conclusion("good", sentence("good", "No contact and no change detected"))
+        words = "No contact and no change detected"
+        if not unseen:
+            return Conclusion("good", sentence("good", words))
+        which = joints_in_words((figures.blind + 1).tolist())
+        return Conclusion("look", sentence("look", f"{words}; in {which} contacts cannot be seen"), unseen)
     kinds = Counter(_kind(alarm) for alarm in alarms)
     seen = listed([f"{count} times {kind}" if count > 1 else kind for kind, count in kinds.items()])
     command = shlex.join(["bayesid", "discrepancy", result, "ROWS.csv"])
     actions = []
+    if residual > REGRESSION.poor_fit:
+        message = f"relative residual up to {percent(residual)} (good: up to {percent(REGRESSION.poor_fit)})"
+        check = shlex.join(["bayesid", "validate", result, "LOG.csv"])
+        remedy = "if nothing touched or loaded the robot, the model is not valid for this motion; "
+        actions.append(Check("Model", "look", message, f"{remedy}check it on a log without contacts: `{check}`"))
     for k, alarm in enumerate(alarms):
         remedy = "check what touched the robot, or whether the drives were switched off"
         if alarm.kind != CONTACT:
@@ -229,7 +254,18 @@ def stream_conclusion(alarms: Sequence[Alarm], result: str, last: float, named: 
             )
         if k not in named:
             actions.append(Check(upper(_kind(alarm)), "look", f"at {alarm.time:.2f} s", remedy))
-    return Conclusion("look", sentence("look", f"{counted(len(alarms), 'alarm')}: {seen}"), first(actions))
+    return Conclusion("look", sentence("look", f"{counted(len(alarms), 'alarm')}: {seen}"), first([*actions, *unseen]))
+
+
+def _contacts_unseen(figures: StreamFigures) -> tuple[Check, ...]:
+    """A remedy for joints whose smallest threshold is above their largest effort."""
+    if not len(figures.blind):
+        return ()
+    above = [f"{rounded(figures.threshold[j])} N m in joint {j + 1}" for j in figures.blind.tolist()]
+    largest = [rounded(figures.effort[j]) for j in figures.blind.tolist()]
+    message = f"detected only above {listed(above)}; the largest effort is {listed(largest)} N m"
+    remedy = "identify with more logs: the model is too uncertain in these joints"
+    return (Check("Contacts", "look", message, remedy),)
 
 
 def _kind(alarm: Alarm) -> str:
@@ -254,6 +290,10 @@ def _amount(alarm: Alarm) -> str:
 
 def _percent(share: float) -> str:
     return _known(share, percent(share, 1))
+
+
+def _in_units(value: float) -> str:
+    return _known(value, rounded(value))
 
 
 def _known(value: float, text: str) -> str:

@@ -16,16 +16,24 @@ from bayesid.identification import checks
 from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
-from bayesid.number_text import percent, rounded
-from bayesid.regression.knowledge import KinematicTolerance
+from bayesid.number_text import percent
 from bayesid.report import commands
 from bayesid.report.conclusion import EXPLAINED
 from bayesid.report.grading import graded, unsaid
-from bayesid.report.model_checks import additional_effects, decided, fit, gains, intervals, validation, whiteness
+from bayesid.report.model_checks import (
+    additional_effects,
+    decided,
+    fit,
+    gains,
+    geometry_error,
+    intervals,
+    validation,
+    whiteness,
+)
 from bayesid.report.report_data import ReportData
 from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted
+from bayesid.report.words import counted, joints_in_words
 
 
 def check_findings(findings: ReportData) -> tuple[Check, ...]:
@@ -64,20 +72,15 @@ def robot_file(summary: Summary) -> Check:
     found = () if summary.complete is None else summary.complete.too_narrow
     times = max((effect.times or 0.0 for effect in found), default=0.0)
     if times >= TUNING.another_robot:
-        message = f"the residual suggests geometry errors of about {_geometry(summary, times)}"
+        message = f"the residual suggests geometry errors of about {geometry_error(summary, times)}"
         remedy = "check that the file is of this robot (`bayesid robot list`), and its lengths"
         return Check("Robot file", "bad", message, remedy)
-    detected = f"a common factor of all efforts is detected above {np.exp(IDENTIFICATION.another_size):.0f}"
-    return Check("Robot file", "good", f"robot, joint order and each joint's units look consistent; {detected}")
-
-
-def _geometry(summary: Summary, times: float) -> str:
-    """The tolerance of the geometry, so many times."""
-    options, usual = summary.provenance.options, KinematicTolerance()
-    stated = options.get("prior.length_sd"), options.get("prior.angle_sd")
-    pairs = zip(stated, (usual.length, usual.angle), strict=True)
-    length, angle = (sd if isinstance(sd, float) else default for sd, default in pairs)
-    return f"{rounded(1e3 * times * length, 2)} mm or {rounded(np.rad2deg(times * angle), 2)} degrees"
+    message = (
+        "no better reading was found; a reversed joint may go unnoticed if its gravity and friction are small: "
+        "compare one pose; efforts in a wrong unit are noticed only beyond a factor of "
+        f"{np.exp(IDENTIFICATION.another_size):.0f}"
+    )
+    return Check("Robot file", "good", message)
 
 
 def _excitation(findings: ReportData) -> Check:
@@ -117,9 +120,11 @@ def _segments(findings: ReportData) -> Check:
     if max(model_error_probability, default=0.0) < IDENTIFICATION.shown_doubt:
         return found
     state: State = "look" if found.state == "good" else found.state
-    return replace(
-        found, state=state, message=f"{message}; {checks.confidences_lowered(model_error_probability)}", remedy=remedy
-    )
+    message += f"; {checks.confidences_lowered(model_error_probability)}"
+    if capped := [j for j, share in enumerate(model_error_probability, start=1) if 1.0 - 0.5 * share < SURE]:
+        message += f", so no sign is {percent(SURE, 0)} certain in {joints_in_words(capped)}"
+        remedy = f"{commands.find_discrepancy(findings)} finds what the model lacks; or validate with known signs"
+    return replace(found, state=state, message=message, remedy=remedy)
 
 
 def sure_share(findings: ReportData) -> float:
@@ -163,6 +168,9 @@ def proof(summary: Summary) -> Check:
         remedy = f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
         return Check(name, "look", message, remedy)
     found = checks.not_proven(search.cost or 0.0, search.lower_bound, search.uncertified_because, search.timed_out)
+    if (missed := search.unlisted_probability) is not None and not search.uncertified_because:
+        message = f"{found.message}; probability that the search missed better signs: {percent(missed, 1)}"
+        found = replace(found, message=message)
     return commands.with_more(summary, found, "search")
 
 

@@ -330,7 +330,7 @@ BAD_STREAMS = [
     ((), "t,q1,q2,q3\n0,0,0,1\n", ["tau1", "is missing"]),
     ((), "0,0,0,0,1,1,1\n0.1,0,0,0,1,1,1\n", ["holds numbers"]),
     ((), HEADER.replace("tau", "i") + "0,0,0,0,1,1,1\n", ["no gains"]),
-    ((), HEADER + "0,90,80,70,1,1,1\n", ["are they degrees"]),
+    ((), HEADER + "0,90,80,70,1,1,1\n", ["may be degrees"]),
     ((), HEADER + MS, ["t[ms]", "50 Hz"]),
     ((), (HEADER + MS).encode("utf-16"), ["UTF-16", "UTF-8"]),
     (("--topic", "x"), HEADER, ["has no topic"]),

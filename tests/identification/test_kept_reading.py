@@ -86,7 +86,7 @@ def test_commands_read_by_what_is_kept_unless_an_option_is_given(turned, tmp_pat
         command = "predict", "result", "other.csv", "--out", tmp_path / f"{name}.csv", *options
         assert run(*command) == 0
         err = capfd.readouterr().err
-        said = {"kept": "reading options of the result's log", "given": "", "other": "--correct differs"}[name]
+        said = {"kept": "read like the result's log", "given": "", "other": "--correct differs"}[name]
         assert said in err if said else err == ""
         assert ("warning" in err) == (name == "other"), "that the options are kept is no warning"
         torques[name] = np.loadtxt(tmp_path / f"{name}.csv", delimiter=",", skiprows=1)
@@ -146,7 +146,7 @@ def test_columns_that_another_file_does_not_have_are_left_out_and_said(tmp_path)
         assert stored.validate(plain).relative_residual.max() < 0.1
     with pytest.raises(InputError, match="column t is missing among a"):
         stored.validate(write(tmp_path / "foreign.csv", t, q, effort, "a,b,c,d,e"))
-    with pytest.raises(InputError, match="are they degrees"):
+    with pytest.raises(InputError, match="may be degrees"):
         stored.validate(write(tmp_path / "degrees.csv", t, 50.0 * np.degrees(q), effort))
 
 

@@ -181,7 +181,7 @@ REFUSED = {
     "ms": (text(flat(IN_MS)), ["milliseconds?", "t[ms]", "--columns"]),
     "ns": (text(flat(scaled(RECORDED, t=1e9))), ["nanoseconds?", "t[ns]"]),
     "whole seconds": (WHOLE_SECONDS, ["column t has 4 instants in 300 rows", "t[10ms]"]),
-    "degrees": (text(flat(scaled(NO_DQ, q=30.0 * DEGREES))), ["are they degrees?", "--degrees"]),
+    "degrees": (text(flat(scaled(NO_DQ, q=30.0 * DEGREES))), ["may be degrees", "--degrees"]),
     "degrees and ms": (text(flat(scaled(RECORDED, q=DEGREES, dq=DEGREES, t=1e3))), ['t="t[ms]"', "--degrees too"]),
     "counts": (text(flat(scaled(RECORDED, q=2e4))), ["too large for rad or degrees", "encoder counts"]),
     "degrees/s": (text(flat(scaled(RECORDED, dq=DEGREES))), ["velocity of joint 1 is 57.3 times", "degrees/s"]),

@@ -23,7 +23,9 @@ LINES = (
 
 
 def figures():
-    return StreamFigures(np.array([4, 0]), np.array([4.0, 0.0]), np.array([0.5, 0.0]), 4)
+    return StreamFigures(
+        np.array([4, 0]), np.array([4.0, 0.0]), np.array([0.5, 0.0]), np.array([60.0, 7.0]), np.array([20.0, 4.0]), 4
+    )
 
 
 def test_an_alarm_is_a_line_with_its_time_kind_joints_and_size():
@@ -32,15 +34,20 @@ def test_an_alarm_is_a_line_with_its_time_kind_joints_and_size():
 
 
 def test_a_stream_is_good_without_alarms_and_otherwise_has_a_remedy_for_each():
-    assert stream_conclusion((), "result", 9.0).state == "good"
+    assert stream_conclusion((), figures(), "result", 9.0).state == "good"
+    blind = stream_conclusion((), replace(figures(), effort=np.array([19.0, 7.0])), "result", 9.0)
+    assert (blind.state, "in joint 1 contacts cannot be seen" in blind.sentence) == ("look", True)
+    assert all(text in blind.actions[0].message for text in ("20.0 N m in joint 1", "19.0"))
     alarms = PAYLOAD, CONTACT, replace(CONTACT, time=2.0)
-    found = stream_conclusion(alarms, "my result", 9.0)
+    found = stream_conclusion(alarms, figures(), "my result", 9.0)
     assert (found.state, len(found.actions)) == ("look", 2), "contacts have one remedy"
     assert all(text in found.sentence for text in ("3 alarms", "payload", "2 times contact"))
     assert all(
         text in found.actions[0].remedy for text in ("`bayesid discrepancy 'my result' ROWS.csv`", "2.31 to 9.00 s")
     )
-    assert len(stream_conclusion(alarms, "my result", 9.0, named={0}).actions) == 1
+    assert len(stream_conclusion(alarms, figures(), "my result", 9.0, named={0}).actions) == 1
+    invalid = stream_conclusion(alarms, figures(), "my result", 9.0, residual=0.88)
+    assert "88 %" in invalid.actions[0].message
 
 
 def test_signs_of_samples_that_count_are_compared():
@@ -51,8 +58,8 @@ def test_signs_of_samples_that_count_are_compared():
     np.testing.assert_allclose(found.sure_by_joint, [1.0 / 3.0, 0.5])
     assert (found.share, found.sure_share, found.share_of_sure) == (0.6, 0.4, 1.0)
     assert track_rows(figures(), found) == [
-        ("1", "66.7 %", "33.3 %", "1.00", "0.50"),
-        ("2", "50.0 %", "50.0 %", "-", "0.00"),
+        ("1", "66.7 %", "33.3 %", "1.00", "20.0", "0.50"),
+        ("2", "50.0 %", "50.0 %", "-", "4.00", "0.00"),
     ]
     (line,) = track_lines(found, "done", None)
     assert "60.0 %" in line.message
@@ -69,6 +76,7 @@ def test_the_largest_external_torque_is_that_of_the_test_of_a_contact():
     for ratio in ratios:
         of_stream.add(replace(now, external=ratio * limit))
     np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
+    np.testing.assert_array_equal(of_stream.threshold, limit)
     of_stream.add(replace(now, external=50.0 * limit, threshold=np.full(2, np.inf)))
     of_stream.add(replace(now, external=50.0 * limit))
     np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
@@ -85,7 +93,7 @@ def test_missing_comparisons_and_counts_of_rows_are_reported():
     assert re.findall(r"\d+", count_line(Counts(), figures(), 0.0, 100.0)) == ["0"]
     slow = figures()
     slow.times.extend([3e-4] * 98 + [0.025] * 2)
-    assert "25000 (99.9 % quantile), longer than the period of 10000" in count_line(Counts(100), slow, 0.0, 100.0)
+    assert "25 ms (99.9 % quantile), longer than the period of 10 ms" in count_line(Counts(100), slow, 0.0, 100.0)
     assert "longer than" not in count_line(Counts(100), slow, 0.0, 30.0)
 
 

@@ -131,7 +131,11 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", SIGNED, ""),
         ("look", unsure(1, 0.2), "2|10"),
         ("bad", unsure(0, 0.5), ""),
-        ("look", with_summary(GOOD, "signs", model_error_probability=[0.0, 0.3]), "joint 2|0.85"),
+        (
+            "look",
+            with_summary(GOOD, "signs", model_error_probability=[0.0, 0.3]),
+            "capped at 0.85|99 % certain in joint 2",
+        ),
     ],
     "Low-pass after the rectifier": [("look", summary(low_pass_after_rectifier=LOW_PASS), "8.1 Hz")],
     "Proof": [
@@ -179,7 +183,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("not done", summary(complete=None), ""),
         ("not done", with_summary(asked(GOOD, SPRING), "fit", relative_residual=[0.04, 0.26]), ""),
         ("not done", asked(GOOD, SPRING), "balancing spring|joint spring|joint 2|mc2x|J2xx"),
-        ("look", asked(GOOD, FAR_OFF), "3.1|a, b, c, d, e, f and g"),
+        ("look", asked(GOOD, FAR_OFF), "3.1 mm or 0.31 degrees|assumed: 1.0 mm|a, b, c, d, e, f and g"),
     ],
     "Whiteness of the residual": [
         ("good", lasting(0.8, 12.0), "80 %|joint 2|24 effective|8 coefficients"),  # intervals allow for it
@@ -276,7 +280,7 @@ def test_remedies_are_commands_with_the_result_and_its_robot():
     assert "`bayesid discrepancy 'my results/un' ANOTHER_LOG.csv`" in told(found, "Fit").remedy
     assert "`bayesid validate 'my results/un' ANOTHER_LOG.csv`" in told(found, "Validation").remedy
     silent_one = with_summary(found, "fit", condition_number=None)
-    assert "`bayesid excite --robot ur10e`" in told(silent_one, "Excitation").remedy
+    assert "`bayesid excite --robot ur10e --limits LIMITS.toml`" in told(silent_one, "Excitation").remedy
     arm = {"robot": "two arms.urdf", "tip": "left_hand", "hold": {"lift": 0.25, "waist": -1.0}}
     one_arm = told(with_summary(silent_one, "provenance", options=arm), "Excitation").remedy
     assert "`bayesid excite --robot 'two arms.urdf' --tip left_hand --hold lift=0.25,waist=-1.0`" in one_arm

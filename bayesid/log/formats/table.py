@@ -182,7 +182,9 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
     columns = ",".join(f'{key}="{pattern}"' for key, pattern in {**given, "t": stated}.items())
     remedy = f"name the column {stated}, or give `columns` {columns} ({t.label}[s] if it is in seconds)"
     if far := far_positions(table):
-        remedy += f"; positions reach {max(far):.4g}: give `degrees=True` too, if they are degrees"
+        remedy += (
+            f"; positions reach {max(far):.4g}, so they may be degrees: give `degrees=True` too, or `degrees=False`"
+        )
     if np.all(steps == 1.0):
         word, remedy = f"{word} or rows?", f'{remedy}; t="{t.label}[8ms]" if it counts rows of 8 ms'
     raise InputError(f"{what}: {word.removesuffix('?')}?", table.source, remedy)
