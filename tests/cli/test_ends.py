@@ -49,4 +49,4 @@ def test_a_motion_is_judged_with_a_verdict_and_the_next_command(tmp_path, monkey
         assert run("excite", "--robot", "arm.toml", "--log", "still.csv", *options) == code
         out = capfd.readouterr().out
         assert "Verdict: bad." in out
-        assert "`bayesid excite --robot arm.toml`" in out
+        assert "`bayesid excite --robot arm.toml --limits LIMITS.toml`" in out
