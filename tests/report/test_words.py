@@ -46,7 +46,7 @@ def test_sizes_have_a_readers_units_and_fixed_numbers_are_marked():
     delay = EffectSummary("delay", "delay", (), 9.0, (), {"lag": number(0.015, 0.0004, "s")})
     summary = SimpleNamespace(complete=SimpleNamespace(effects=[friction, saturating, delay]))
     assert [row[2] for row in effect_rows(summary)] == [
-        "Fl2 6.2 +- 0.2 %",
+        "Fl2 6.20 +- 0.24 %",
         "Fe1 14.3 +- 0.6 N m; knee1 0.646 rad/s (fixed)",
         "lag 15.0 +- 0.4 ms",
     ]
