@@ -51,7 +51,7 @@ PAIRS = (
 POOR = ("lwr4/a", "kr300/a", "dualarm/a")
 _LOGS = 20
 """Of each class, and of each kind of noise."""
-_BLIND = 60
+_BLIND_LOGS = 60
 _ARMS = ("kr5", "random")
 _LAG = (0.02, 0.04)
 """s"""
@@ -131,7 +131,7 @@ def _noise() -> list[tuple[Simulated, int]]:
 def _blind(lacked: Sequence[str]) -> list[tuple[Simulated, int]]:
     """Every effect in turn, alone and with another one."""
     logs, count = [], len(lacked)
-    for k in range(_BLIND):
+    for k in range(_BLIND_LOGS):
         turn = k // count
         both = lacked[k % count], lacked[(k + 4 + turn) % count]
         scenario = Simulated("blind", "blind", _ARMS[(k // 2 + turn) % 2], both[: 1 + k % 2])
@@ -281,4 +281,6 @@ def _errors(case: Case, result: Identification, names: Sequence[str]) -> tuple[A
     return np.where(good, error[chosen], np.nan), np.where(good, sd[chosen], np.nan)
 
 
-STUDY = Study("complete", 9 * _LOGS + len(NOISES) * _LOGS + _BLIND + len(PAIRS) + len(POOR), plan, trial, report, draw)
+STUDY = Study(
+    "complete", 9 * _LOGS + len(NOISES) * _LOGS + _BLIND_LOGS + len(PAIRS) + len(POOR), plan, trial, report, draw
+)

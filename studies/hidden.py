@@ -33,7 +33,7 @@ DURATION = 24.0
 """s, of the generator's logs."""
 _SLOW = 0.2
 """Share of the motions with slow parts, as in the generator."""
-_NONE = 1e-9
+_ROUNDING_OF_SHARE = 1e-9
 """Share of a coefficient below which the part of a parameter is rounding."""
 _VARYING: Mapping[str, tuple[str, ...]] = {
     "coulomb": ("Fc",),
@@ -117,7 +117,7 @@ class Case:
         theta = np.array([self.parameters.get(parameter.name, 0.0) for parameter in model.parameters])
         unknown = np.isnan(theta)
         value = coefficients.project(np.where(unknown, 0.0, theta))
-        touched = np.abs(coefficients.projection[:, unknown]).max(axis=1, initial=0.0) > _NONE
+        touched = np.abs(coefficients.projection[:, unknown]).max(axis=1, initial=0.0) > _ROUNDING_OF_SHARE
         return np.where(touched, np.nan, value)
 
     def standard(self, motion: Motion) -> tuple[Model, BaseCoefficients]:

@@ -41,7 +41,7 @@ def observed(columns, effort, used=None):
         effort=effort * used,
         information=InformationMatrix.none(columns.shape[2]),
         floor=np.ones(n),
-        sharp=np.ones(n, dtype=bool),
+        reliable=np.ones(n, dtype=bool),
         limits=np.full((n, 2), np.inf),
         rate=RATE,
     )

@@ -67,9 +67,9 @@ FRICTION = {"Fc2": (COULOMB, 0.1, "N m")}
 NOTHING = {"added": (), "where": (), "refused": (), "not_testable": (), "warnings": ()}
 
 
-def floor_of(rms, origin="repeated periods", lasting=(), white=0.9):
+def floor_of(rms, origin="repeated periods", mostly_coloured=(), white=0.9):
     """Of joints, those of some (0-based) most of which lasts."""
-    which = np.isin(np.arange(len(rms)), lasting)
+    which = np.isin(np.arange(len(rms)), mostly_coloured)
     limits, every = np.stack([rms, rms], axis=1), np.ones(len(rms), dtype=bool)
     return NoiseFloor(rms, (origin,) * len(rms), limits, every, white * rms, which)
 
@@ -84,7 +84,7 @@ def make(**changes):
         "preexisting": (),
         "before": np.array([0.292, 2.41, 0.313]),
         "after": np.array([0.291, 0.312, 0.312]),
-        "floor": replace(floor_of(np.array([0.29, 0.30, 0.31])), sharp=np.array([True, True, False])),
+        "floor": replace(floor_of(np.array([0.29, 0.30, 0.31])), reliable=np.array([True, True, False])),
         "holdout": "later <b>.csv",
         "unexplained": (),
         "scores": (

@@ -127,15 +127,14 @@ class NoiseFloor:
     rms: Array  #: (n,) N m
     origin: tuple[str, ...]  #: (n,) source
     limits: Array  #: (n, 2) largest white and coloured part of noise, N m
-    sharp: Mask  #: (n,) whether it includes coloured noise, so that a residual above it is significant
+    reliable: Mask  #: (n,) whether it includes coloured noise, so that a residual above it is significant
     white: Array  #: (n,) its white part, N m
-    #: (n,) whether it is mostly the coloured residual of a model: model error or filtered noise, which may hide an
-    #: effect
-    lasting: Mask
+    #: (n,) whether coloured residual of a model dominates it: model error or filtered noise, which may hide an effect
+    mostly_coloured: Mask
 
     def exceeded(self, gap: Array) -> Mask:
         """(n,) whether a gap, N m, exceeds the noise of a joint."""
-        return gap > np.where(self.sharp, REGRESSION.above_floor, REGRESSION.above_blunt_floor) * self.rms
+        return gap > np.where(self.reliable, REGRESSION.above_floor, REGRESSION.above_unreliable_floor) * self.rms
 
 
 def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None) -> NoiseFloor:
@@ -150,24 +149,24 @@ def noise_floor(trial: Trial, residual: Array, earlier: Noise, refit: Array | No
         refit: (n,) RMS residual of a model with all standard effects, identified from this log alone.
     """
     repeated = trial.between_periods
-    sharp = earlier.sigma < TUNING.good_fit * trial.rms(trial.magnitude)
+    reliable = earlier.sigma < TUNING.good_fit * trial.rms(trial.magnitude)
     lag = _lag_of_noise(residual, trial.used, trial.signals.rate)
     fast = np.maximum(np.sqrt(_half_square(residual, trial.used, lag)), TUNING.least_floor * earlier.sigma)
     largest = TUNING.white_growth * earlier.white
-    white = np.where(sharp, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
-    coloured = np.where(sharp, earlier.coloured, fast)
-    rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
-    blunt = REFIT if refit is not None else FAST_PART if lag == 1 else SMOOTHED
-    origin = tuple(MODELS_RESIDUAL if good else blunt for good in sharp)
-    lasting = rms > REGRESSION.above_floor * white  # significantly above the white noise
+    white = np.where(reliable, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
+    coloured = np.where(reliable, earlier.coloured, fast)
+    rms = np.where(reliable, np.hypot(white, earlier.coloured), fast if refit is None else refit)
+    unreliable = REFIT if refit is not None else FAST_PART if lag == 1 else SMOOTHED
+    origin = tuple(MODELS_RESIDUAL if good else unreliable for good in reliable)
+    mostly_coloured = rms > REGRESSION.above_floor * white  # significantly above the white noise
     if repeated is not None:
         rms, white = repeated, np.maximum(np.minimum(white, repeated), TUNING.repeated_white * repeated)
-        origin, sharp = (REPEATED,) * len(rms), np.ones(len(rms), dtype=bool)
-        lasting = ~sharp  # measured without a model
+        origin, reliable = (REPEATED,) * len(rms), np.ones(len(rms), dtype=bool)
+        mostly_coloured = ~reliable  # measured without a model
     white_limit = TUNING.white_limit * np.maximum(white, rms / np.sqrt(2.0))
     coloured_limit = TUNING.coloured_limit * coloured + TUNING.coloured_allowance * white
     limits = np.stack([white_limit, coloured_limit], axis=1)
-    return NoiseFloor(rms, origin, limits, sharp, np.minimum(white, rms), lasting)
+    return NoiseFloor(rms, origin, limits, reliable, np.minimum(white, rms), mostly_coloured)
 
 
 def _lag_of_noise(residual: Array, used: Mask, rate: float) -> int:
@@ -367,7 +366,7 @@ class Case:
         probability = self.trial.probability(predicted) if probability is None else probability
         expected, floor = (2.0 * probability - 1.0) * self.trial.magnitude, self.floor(predicted)
         return self.modelled.observed(
-            expected, floor=floor.rms, sharp=floor.sharp, limits=floor.limits, thresholds=self.thresholds
+            expected, floor=floor.rms, reliable=floor.reliable, limits=floor.limits, thresholds=self.thresholds
         )
 
     def data_under(self, fitted_effects: FittedEffects) -> Observations:
@@ -392,7 +391,7 @@ class Case:
         signals = self.trial.signals
         model = with_standard_terms(self.model.before_sensors, signals)
         floor = noise_floor(self.trial, self.trial.residual(self.before), self.noise)
-        if model is None or floor.sharp.all():
+        if model is None or floor.reliable.all():
             return None
         segments = find_segments(signals, self.trial.actuators)
         return find_signs(model, signals, segments, self.search)

@@ -88,7 +88,7 @@ def _log_evidence(state: EffectSet) -> float:
 
 
 def _above_floor(state: EffectSet) -> list[int]:
-    """Joints (from 1) with a residual significantly above a sharp floor, on the log or held-back data, worst first."""
+    """Joints (from 1) with a residual significantly above a reliable floor, on the log or held-back, worst first."""
     case, predicted, unseen = state.case, state.predicted, state.cross_validation_errors
     floor, gap, on_log = (
         case.floor(predicted),
@@ -97,7 +97,7 @@ def _above_floor(state: EffectSet) -> list[int]:
     )
     cross_validation = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms)
     ratio = np.maximum(gap, unseen.rms) / floor.rms
-    return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (j + 1 in on_log or cross_validation[j])]
+    return [int(j) + 1 for j in np.argsort(-ratio) if floor.reliable[j] and (j + 1 in on_log or cross_validation[j])]
 
 
 def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:

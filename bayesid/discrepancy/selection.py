@@ -23,7 +23,7 @@ from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Obs
 from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.regression.selection.regression import Regression, explain
-from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets, refined
+from bayesid.regression.selection.scores import at_unreliable_floor, best_forms, joint_sets, refined
 from bayesid.regression.tuning import TUNING as REGRESSION
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
@@ -84,12 +84,12 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     library = [group for group in library if group and group[0].key not in old]
     nothing = EffectSet(case, before)
     sets = EffectSets(case, library, {nothing.forms: nothing})
-    sharp = bool(data.sharp.all())
+    reliable = bool(data.reliable.all())
     best, unconfirmed = (
-        (_most_probable(sets, nothing, progress), []) if sharp else _only_confirmed(sets, nothing, progress)
+        (_most_probable(sets, nothing, progress), []) if reliable else _only_confirmed(sets, nothing, progress)
     )
-    stopped = sharp and sets.n_fitted > TUNING.most_sets
-    minimal = _confirmed_sets(sets, best, progress) if sharp else [best]
+    stopped = reliable and sets.n_fitted > TUNING.most_sets
+    minimal = _confirmed_sets(sets, best, progress) if reliable else [best]
     with progress.stage("effects: learned functions") as steps:
         chosen, not_learned = learn_effects(_without_substitutes(sets, minimal[0]), sets.log_prior, steps)
     with progress.stage("effects: cost of each"):
@@ -144,7 +144,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, excluded: Collection[Effect
     """
     case, limits = sets.case, sets.case.thresholds
     seen = [chosen.keys]
-    standard = not chosen.data.sharp.all() and not chosen.effects
+    standard = not chosen.data.reliable.all() and not chosen.effects
     while True:
         errors, others = _ranked(sets, chosen, standard)
         others = [effect for effect in others if effect.key not in excluded]
@@ -163,7 +163,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, excluded: Collection[Effect
 def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequence[ErrorModel], list[Hypothesis]]:
     """All effects that may be added to a set, best first; only standard ones if so requested or near the floor."""
     regression = Regression.of(explain(chosen.data, chosen.effects, chosen.fitted_effects))
-    closed = ~chosen.data.sharp if standard else at_blunt_floor(chosen.data, chosen.fitted_effects.mean_square)
+    closed = ~chosen.data.reliable if standard else at_unreliable_floor(chosen.data, chosen.fitted_effects.mean_square)
     allowed = [
         [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
         for group in sets.library
@@ -205,7 +205,7 @@ def _to_search(case: Case, chosen: EffectSet) -> list[int]:
             parameters.update({joint: len(effect.columns.sd) for joint in effect.columns.joints})
     above = {j for j, x in enumerate(ratio.tolist()) if x > REGRESSION.above_floor}
     several = {j for j, count in parameters.items() if count > TUNING.few_parameters}
-    return sorted((j for j in above | several if chosen.data.sharp[j]), key=lambda j: -ratio[j])
+    return sorted((j for j in above | several if chosen.data.reliable[j]), key=lambda j: -ratio[j])
 
 
 def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
@@ -218,7 +218,7 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     others = best.without(*best.in_joint(joint))
     tried = [best, *_with_sets_of(sets, others, best, joint, forms)]
     best = max(tried, key=_LOG_POSTERIOR)
-    if _mean_square(best, joint) > REGRESSION.above_blunt_floor**2:
+    if _mean_square(best, joint) > REGRESSION.above_unreliable_floor**2:
         linear = [form for form in forms if form.source.linear]
         distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
         bases = [sets.fit([*others, effect], best.data, {joint}, effect) for effect in distortions]

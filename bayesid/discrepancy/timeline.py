@@ -1,8 +1,8 @@
 """Evidence of each of several logs alone: for effects, and for parameters, which form a time line.
 
 An effect was missing in all logs if each log alone confirms it by model selection. If a log does not, the effect is
-absent, or the log is too short or too slow to show it. This is decided with the effect's size in another log: with a
-the amplitudes in this log, C their covariance and b the amplitudes in the other log, the effect is absent if
+absent, or the log is too short or too slow to show it. The effect's size in another log decides. Let `a` be the
+amplitudes in this log, C their covariance, and b the amplitudes in the other log. The effect is absent if
 
     log p(log | b) - log p(log | 0) = a' C^-1 b - b' C^-1 b / 2
 

@@ -288,13 +288,13 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
         warnings.append(
             "the uncertainty of the model's parameters is unknown: effects that resemble them cannot be detected"
         )
-    blunt = np.flatnonzero(~floor.sharp).tolist()
-    if blunt:
-        joints = ", ".join(str(j + 1) for j in blunt)
+    unreliable = np.flatnonzero(~floor.reliable).tolist()
+    if unreliable:
+        joints = ", ".join(str(j + 1) for j in unreliable)
         effort = f"{percent(TUNING.good_fit, 0)} of this log's RMS effort"
         residual = f"the earlier model's residual on its own log, before filtering, is above {effort}"
-        source = f"the noise floor is taken from this log ({floor.origin[blunt[0]]})"
-        warnings.append(f"{residual} in joint{'s' * (len(blunt) > 1)} {joints}: {source}")
+        source = f"the noise floor is taken from this log ({floor.origin[unreliable[0]]})"
+        warnings.append(f"{residual} in joint{'s' * (len(unreliable) > 1)} {joints}: {source}")
     if stopped:
         limit = f"the search for sets of effects stopped after {TUNING.most_sets} sets"
         warnings.append(f"{limit}: others may explain the log equally well")

@@ -1,4 +1,8 @@
-"""The catalogue: every effect that a model can hold, terms and distortions together."""
+"""The catalogue: every effect that a model can hold.
+
+An effect is a term (adds efforts) or a distortion (changes motion or readings). Its forms are classes, named
+`effect.form`, as `viscous_friction.saturating`; the main form has the name of the effect alone.
+"""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from bayesid.excitation.gaussian_posterior import GaussianPosterior, reference_m
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN
 
-_NONE = 1e-9
+_ROUNDING_OF_SHARE = 1e-9
 """Rounding error of a parameter's weight in a coefficient."""
 
 
@@ -119,7 +119,7 @@ def _named(posterior: GaussianPosterior, name: str, payload: str) -> Goal:
 def _depending(posterior: GaussianPosterior, places: slice | list[int]) -> list[int]:
     """Indices of coefficients that depend on parameters at some places."""
     shares = np.abs(posterior.coefficients.projection[:, places])
-    return np.flatnonzero(shares.max(axis=1, initial=0.0) > _NONE).tolist()
+    return np.flatnonzero(shares.max(axis=1, initial=0.0) > _ROUNDING_OF_SHARE).tolist()
 
 
 def _gains(posterior: GaussianPosterior) -> Goal:

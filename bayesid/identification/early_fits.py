@@ -48,14 +48,14 @@ class EarlyFit:
         return score_of(self.residual)
 
     @cached_property
-    def feasible(self) -> ReadingResidual:
+    def feasible_residual(self) -> ReadingResidual:
         """Residual of feasible parameters; by least squares if the solver fails."""
         try:
-            return self.fitted.feasible(self.starts, TUNING.barely_feasible * self.residual.rms)
+            return self.fitted.feasible_residual(self.starts, TUNING.barely_feasible * self.residual.rms)
         except SolverError:
             return self.residual
 
-    def started_from(self, other: EarlyFit) -> EarlyFit:
+    def with_starts_of(self, other: EarlyFit) -> EarlyFit:
         """The better fit of this one and fits that start from another reading's signs."""
         if self.fitted.signed.all():
             return self
@@ -66,19 +66,19 @@ class EarlyFit:
         residual = min([self.residual, *(fitted.residual([start]) for start in starts)], key=score_of)
         return EarlyFit(fitted, [*self.starts, *starts, fitted.with_signs_of(residual.effort)], residual)
 
-    def polished(self) -> EarlyFit:
+    def with_signs_restarted(self) -> EarlyFit:
         """With each joint's signs restarted from the fit to the other joints."""
         if self.fitted.signed.all():
             return self
-        residual = self.fitted.polished(self.residual)
+        residual = self.fitted.with_signs_restarted(self.residual)
         more = self.fitted.best_flips(self.fitted.with_signs_of(residual.effort))
         return EarlyFit(self.fitted, [*more, *self.starts], residual)
 
-    def refined(self) -> EarlyFit:
-        """Polished; if one joint's efforts have other units, with the best factor for them."""
+    def final_fit(self) -> EarlyFit:
+        """With restarted signs; if one joint's efforts have other units, with the best factor for them."""
         reading = self.fitted.reading
         if not (reading.of_one_joint and np.any(reading.units != 1.0)):
-            return self.polished()
+            return self.with_signs_restarted()
         (joint,) = np.flatnonzero(reading.units != 1.0).tolist()
 
         def scaled(log_factor: float) -> Fitted:
@@ -97,7 +97,7 @@ class EarlyFit:
         found = minimize_scalar(rms, bounds=(middle - reach, middle + reach), method="bounded", options=options)
         fitted = scaled(float(found.x))
         starts = fitted.best_flips(fitted.with_signs_of(self.residual.effort))
-        return EarlyFit(fitted, starts, fitted.residual(starts)).polished()
+        return EarlyFit(fitted, starts, fitted.residual(starts)).with_signs_restarted()
 
 
 def in_units(joint: int, factor: float) -> str:

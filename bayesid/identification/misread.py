@@ -58,7 +58,7 @@ _QUARTERS = np.array([0.0, 0.5, 1.0, -0.5]) * np.pi
 class Misreading:
     """A reading that explains a log better than the given one."""
 
-    kind: str  #: "joint order", "direction", "weight", "units", "zeros", "mounting", "robot", "motion" or "scale"
+    kind: str  #: "joint order", "direction", "no gravity", "units", "zeros", "mounting", "robot", "motion" or "scale"
     change: str  #: the change, to follow "with"; for "motion" and "scale" a sentence
     leaves: float  #: its relative residual over all joints
     given: float  #: that of the given reading
@@ -93,14 +93,14 @@ _TRIED_BY = {
     "direction": "move that joint alone towards plus and see whether its position rises",
     "zeros": "compare a pose on the controller's display with the log",
     "mounting": "check how the base is mounted",
-    "weight": "check whether efforts are near zero while the arm is stretched out at rest",
+    "no gravity": "check whether efforts are near zero while the arm is stretched out at rest",
     "robot": "compare the type plate with the given robot",
 }
 """How to check each kind of reading on the robot."""
 
 
 def _remedy(reading: Reading) -> str:
-    given = {"weight": "`gravity`=0,0,0"}.get(reading.kind, "")
+    given = {"no gravity": "`gravity`=0,0,0"}.get(reading.kind, "")
     if reading.corrections:
         given = f"`correct` {reading.corrections}"
     elif reading.kind == "mounting":
@@ -136,12 +136,12 @@ class _Comparison:
         self.drawn = drawn_bodies(as_given, self.excerpt.motion, TUNING.drawn_robots)
         self._found: dict[tuple[object, ...], Array] = {}
         (given,) = self.fits([as_given])
-        self.given = given.polished() if given.residual.share.max() > TUNING.early_suspicious else given
+        self.given = given.with_signs_restarted() if given.residual.share.max() > TUNING.early_suspicious else given
 
     @property
     def barely_feasible(self) -> bool:
         """Whether feasible parameters fit the given reading clearly worse than least squares."""
-        return self.given.feasible.rms >= TUNING.barely_feasible * self.given.residual.rms
+        return self.given.feasible_residual.rms >= TUNING.barely_feasible * self.given.residual.rms
 
     def fits(self, readings: Sequence[Reading]) -> list[EarlyFit]:
         return [EarlyFit.of(fitted, self.drawn, self._found) for fitted in _fitted(readings, self.excerpt)]
@@ -163,8 +163,8 @@ def _misread_before(log_data: LogData) -> Misreading | None:
         readings += pairs
         tried += [fit for fit in both if fit.score < min(tried, key=lambda fit: fit.score).score - TUNING.early_fall]
     best = min(tried, key=lambda fit: fit.score)
-    tried = [fit.started_from(best) for fit in tried]
-    finalists = [fit.refined() for fit in _least(tried, TUNING.finalists)]
+    tried = [fit.with_starts_of(best) for fit in tried]
+    finalists = [fit.final_fit() for fit in _least(tried, TUNING.finalists)]
     if early.barely_feasible:  # readings with the same least-squares residual may be feasible
         least = TUNING.barely_feasible * given.residual.rms
         alike = [fit for fit in tried if fit.fitted.reading.kind in _BY_FEASIBILITY and fit.residual.rms < least]
@@ -173,7 +173,7 @@ def _misread_before(log_data: LogData) -> Misreading | None:
     if found is None:
         return _unrelated(given, early.drawn)
     later = _Comparison(log_data, TUNING.instants)  # few samples may leave the given reading at wrong signs
-    again = [fit.refined() for fit in later.fits([found[0]])]
+    again = [fit.final_fit() for fit in later.fits([found[0]])]
     confirmed = _best(later.given, again, len(readings))
     return None if confirmed is None else confirmed[1]
 
@@ -186,8 +186,8 @@ def _least(tried: Sequence[EarlyFit], count: int) -> list[EarlyFit]:
 
 def _best(given: EarlyFit, finalists: Sequence[EarlyFit], tried: int) -> tuple[Reading, Misreading] | None:
     for other in finalists:  # their signs may fit the given reading better than its own
-        given = given.started_from(other)
-    known, residuals = given.feasible, [other.feasible for other in finalists]
+        given = given.with_starts_of(other)
+    known, residuals = given.feasible_residual, [other.feasible_residual for other in finalists]
     count = counts_of_least([known, *residuals])
     nats = [0.5 * bic_gain(known, residual, count) - float(np.log(tried)) for residual in residuals]
     first = next(k for k in range(len(nats)) if nats[k] >= max(nats) - _DECISIVE)
@@ -324,14 +324,14 @@ _Changes: TypeAlias = Iterator[tuple[str, dict[str, Any]]]
 """Words for the change, to follow "with", and the changed fields of the reading."""
 
 
-class Hypothesis(NamedTuple):
+class ReadingHypothesis(NamedTuple):
     """A kind of misreading and the changes that correct it."""
 
     kind: str
     changes: Callable[[Robot], _Changes]
 
 
-def _all_readings(of: Reading, hypotheses: Sequence[Hypothesis]) -> Iterator[Reading]:
+def _all_readings(of: Reading, hypotheses: Sequence[ReadingHypothesis]) -> Iterator[Reading]:
     """Readings that differ from one by a single change; a second zero adds to the first."""
     for kind, changes in hypotheses:
         for change, other in changes(of.robot):
@@ -364,7 +364,7 @@ def _directions(robot: Robot) -> _Changes:
         yield f"the efforts of {which} reversed, not the positions", {"effort_sign": factor}
 
 
-def _no_weight(robot: Robot) -> _Changes:
+def _no_gravity(robot: Robot) -> _Changes:
     if robot.gravity.any():
         yield "efforts without gravity", {"robot": replace(robot, gravity=np.zeros(3))}
 
@@ -454,17 +454,17 @@ def _random_table(robot: Robot, rng: np.random.Generator) -> Robot:
     return replace(robot, joints=tuple(joints), lengths={})
 
 
-_ZEROS = Hypothesis("zeros", _zeros)
+_ZEROS = ReadingHypothesis("zeros", _zeros)
 EARLY = (
-    Hypothesis("joint order", _orders),
-    Hypothesis("direction", _directions),
-    Hypothesis("weight", _no_weight),
-    Hypothesis("units", _units),
-    Hypothesis("units", _units_of_one),
-    Hypothesis("mounting", _mountings),
+    ReadingHypothesis("joint order", _orders),
+    ReadingHypothesis("direction", _directions),
+    ReadingHypothesis("no gravity", _no_gravity),
+    ReadingHypothesis("units", _units),
+    ReadingHypothesis("units", _units_of_one),
+    ReadingHypothesis("mounting", _mountings),
     _ZEROS,
-    Hypothesis("robot", _controllers_table),
+    ReadingHypothesis("robot", _controllers_table),
 )
 """Hypotheses before the search, the easiest to correct first: among equal ones the first counts."""
-HYPOTHESES = (*EARLY, Hypothesis("robot", _other_robots))
+HYPOTHESES = (*EARLY, ReadingHypothesis("robot", _other_robots))
 """Hypotheses after the fit; other robots take seconds."""

@@ -290,7 +290,7 @@ class Fitted:
             effort = followed
         return effort, predicted
 
-    def polished(self, best: ReadingResidual) -> ReadingResidual:
+    def with_signs_restarted(self, best: ReadingResidual) -> ReadingResidual:
         """The best residual after restarting each joint's signs, one after the other, from a fit to the others."""
         order = np.argsort(-best.share[self.reading.efforts])
         for j in [j for j in order.tolist() if not self.signed[j]]:
@@ -299,7 +299,7 @@ class Fitted:
             best = min([best, self.residual([start])], key=lambda residual: residual.rms)
         return best
 
-    def feasible(self, efforts: Sequence[Array], enough: float = 0.0) -> ReadingResidual:
+    def feasible_residual(self, efforts: Sequence[Array], enough: float = 0.0) -> ReadingResidual:
         """Smallest residual of feasible parameters (positive masses and friction), for efforts (N, n) with signs.
 
         The efforts with the smallest least-squares residuals are tried. While the residual exceeds `enough`, hidden

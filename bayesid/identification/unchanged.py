@@ -24,7 +24,7 @@ _NO_INFORMATION = 1e-9
 class UnchangedCheck:
     """Residuals of n joints in a later log, and shift of the known coefficients."""
 
-    MOST_RESIDUAL: ClassVar[float] = REGRESSION.above_blunt_floor
+    MOST_RESIDUAL: ClassVar[float] = REGRESSION.above_unreliable_floor
     """Residual over the earlier noise above which a joint has changed, as in `find_discrepancy`. Its rate of false
     alarms on real robots is unknown; docs/how-to/read-a-payload.md shows results for one robot."""
     FALSE_ALARM: ClassVar[float] = TUNING.unchanged_false_alarm
@@ -62,7 +62,7 @@ class UnchangedCheck:
 def check_unchanged(knowledge: CoefficientPrior, noise: Noise, later: Identification) -> UnchangedCheck:
     """Tests a later log, identified with the same or an extended model, against the knowledge of an earlier one.
 
-    The shift is that of the joint estimate from both logs. Its chi-square is smaller than that of two separate
+    The shift is that of the estimate from both logs together. Its chi-square is smaller than that of two separate
     estimates, so false alarms are at most as frequent as `UnchangedCheck.FALSE_ALARM`.
     """
     model, known = knowledge.model, base_coefficients(knowledge.model)

@@ -20,7 +20,7 @@ from bayesid.log.tuning import TUNING
 from bayesid.log.velocities import pauses
 from bayesid.motion import STANDSTILL
 
-_NONE = np.empty(0, dtype=np.int64)
+_NO_ROWS = np.empty(0, dtype=np.int64)
 _BEFORE = np.arange(2 * TUNING.neighbours + 1) < TUNING.neighbours
 """Which entries of a window of neighbours precede its centre."""
 
@@ -136,12 +136,12 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     long = (t[inner] - t[first] >= TUNING.dropout) & (stop - first >= TUNING.dropout_rows)
     found["held"] = found["held"][long & (stop < len(t))]
     if not any(map(len, found.values())):
-        return _NONE, ()
+        return _NO_ROWS, ()
     steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
     least = np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
     jumps = (steps > least).any(axis=1)
     beside = periods < 2.0 * np.median(periods)  # otherwise a pause or the start of another log
-    rows, faults = [_NONE], []
+    rows, faults = [_NO_ROWS], []
     for kind, edges in found.items():
         ends = [((first - 1, stop - 1) if kind == "zero" else (stop - 1,)) for first, stop in edges]
         inside = [[k for k in both if 0 <= k < len(steps) and beside[k]] for both in ends]
@@ -149,7 +149,7 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
         if lost:
             rows += [np.arange(first, stop) for first, stop in lost]
             seconds = sum(t[min(stop, len(t) - 1)] - t[first] for first, stop in lost)
-            faults.append(Fault(-1, "row", kind, _NONE, t[[first for first, _ in lost]], float(seconds)))
+            faults.append(Fault(-1, "row", kind, _NO_ROWS, t[[first for first, _ in lost]], float(seconds)))
     return np.sort(np.concatenate(rows)), tuple(faults)
 
 
@@ -184,7 +184,7 @@ def _peaks(t: Array, reading: Array) -> Integers:
     runs = _Runs.of(t, reading)
     size = np.abs(runs.value)
     if len(size) <= 2 * TUNING.neighbours:
-        return _NONE
+        return _NO_ROWS
     around = _ranked(size, _BEFORE | _BEFORE[::-1], 2 * TUNING.neighbours - 2)
     least = np.maximum(TUNING.outlier * around, around + TUNING.outlier_steps * _usual_step(runs.value))
     strong = size >= TUNING.weak * np.percentile(np.abs(reading), 99)
@@ -198,7 +198,7 @@ def _foreign(t: Array, position: Array, velocity: Array, known: Mask) -> Integer
     """
     span = TUNING.velocity_rows
     if len(t) <= 4 * span or not np.all(np.diff(t) > 0.0):
-        return _NONE
+        return _NO_ROWS
     turned = np.append(0.0, np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t)))
     off = np.abs((turned[span:] - turned[:-span]) - (position[span:] - position[:-span])) / (t[span:] - t[:-span])
     unsure = np.append(0, np.cumsum(~known | np.append(pauses(t), False)))
@@ -207,20 +207,20 @@ def _foreign(t: Array, position: Array, velocity: Array, known: Mask) -> Integer
     least = max(TUNING.outlier * usual, TUNING.foreign * top)
     wrong = off > least
     if wrong.mean() > TUNING.foreign_share:
-        return _NONE
+        return _NO_ROWS
     rows = np.zeros(len(t), dtype=bool)
     for k in np.flatnonzero(wrong):
         rows[k : k + span + 1] = True
     found = np.flatnonzero(rows)
     begins = np.flatnonzero(found != np.arange(len(found)))  # at the start of the log it is a filter's transient
-    return found[begins[0] :] if len(begins) else _NONE
+    return found[begins[0] :] if len(begins) else _NO_ROWS
 
 
 def _jumps(t: Array, position: Array) -> Integers:
     """Rows of a position that differ from the rows before and after by the same large step."""
     runs = _Runs.of(t, position)
     if len(runs.value) <= 2 * TUNING.neighbours:
-        return _NONE
+        return _NO_ROWS
     middle = 0.5 * (TUNING.neighbours - 1)
     off = [runs.value - _ranked(runs.value, side, middle) for side in (_BEFORE, _BEFORE[::-1])]
     departs = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
@@ -232,7 +232,7 @@ def _excursions(t: Array, position: Array) -> Integers:
     """Rows of a position that jumps away and soon jumps back to where it would have been."""
     runs = _Runs.of(t, position)
     if len(runs.value) <= 2 * TUNING.neighbours:
-        return _NONE
+        return _NO_ROWS
     steps, usual = np.abs(np.diff(runs.value)), _usual_step(runs.value)
     usual, begin = np.maximum(usual[:-1], usual[1:]), t[runs.first[:-1]]
     least = np.maximum(_small_jump(position), TUNING.outlier_steps * usual)
@@ -271,7 +271,7 @@ def _stopped(t: Array, position: Array) -> Integers:
     runs, period = _Runs.of(t, position), float(np.median(np.diff(t)))
     count, chosen = len(runs.value), np.zeros(len(runs.value), dtype=bool)
     if count <= 2 * TUNING.neighbours:
-        return _NONE
+        return _NO_ROWS
     steps = np.abs(np.diff(runs.value))
     speed = np.abs(np.diff(position)) / np.diff(t)
     fast = TUNING.clearly_moving * float(np.percentile(speed, 95))

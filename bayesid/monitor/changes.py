@@ -98,11 +98,11 @@ class ChangeTest:
 
         Residuals z (n,) are divided by their sd; joints at standstill do not count. The state is updated in place.
         """
-        size = np.abs(z)
-        if max(size.tolist()) <= _LEAST_GROWING and not any(state.sums.tolist()):
+        deviation = np.abs(z)
+        if max(deviation.tolist()) <= _LEAST_GROWING and not any(state.sums.tolist()):
             return np.zeros_like(moving)
-        size = np.minimum(size, TUNING.largest)
-        ratio = np.minimum((_SQUARE_WEIGHT * size * size - _DECREMENT) * self.weight, self._most) * moving
+        deviation = np.minimum(deviation, TUNING.largest)
+        ratio = np.minimum((_SQUARE_WEIGHT * deviation * deviation - _DECREMENT) * self.weight, self._most) * moving
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), TUNING.highest * self.limit)
         state.began = np.where(state.sums == 0.0, t, state.began)
         state.since = np.where(sums == 0.0, 0.0, state.since + step * moving)

@@ -86,8 +86,10 @@ class Normal:
     def on(self, plane: Plane) -> tuple[Normal, float]:
         """The density of the coordinates y of a plane, and the log of its constant factor."""
         origin, basis = plane.origin, plane.basis
-        pull = self.linear - self.precision @ origin
-        return Normal(basis.T @ self.precision @ basis, pull @ basis), float(0.5 * (self.linear + pull) @ origin)
+        gradient = self.linear - self.precision @ origin
+        return Normal(basis.T @ self.precision @ basis, gradient @ basis), float(
+            0.5 * (self.linear + gradient) @ origin
+        )
 
     def toward(self, other: Normal, share: float) -> Normal:
         """The geometric mean with another normal distribution of weight `share`."""

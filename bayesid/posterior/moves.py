@@ -73,7 +73,7 @@ class GibbsMove(ABC):
 
 
 @dataclass(frozen=True)
-class InTurn(GibbsMove):
+class MoveSequence(GibbsMove):
     """Several Gibbs moves, one after the other."""
 
     moves: Sequence[GibbsMove]
@@ -98,10 +98,10 @@ class HitAndRun(GibbsMove):
         likelihood, prior, information = self.target.likelihood, self.target.prior, self.target.information
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
-        pull = likelihood.conditional_gradient(beta, log_scale, likelihood.draw_signs(beta, log_scale, random))
+        beta_gradient = likelihood.conditional_gradient(beta, log_scale, likelihood.draw_signs(beta, log_scale, random))
         if information is not None:
-            pull += information.gradient - beta @ information.hessian
-        gradient = pull @ likelihood.projection + prior.precision * (prior.mean - theta)
+            beta_gradient += information.gradient - beta @ information.hessian
+        gradient = beta_gradient @ likelihood.projection + prior.precision * (prior.mean - theta)
         lines = self.directions.draw(random)
         in_beta = likelihood.projection @ lines
         unscaled = lines.T @ (prior.precision[:, None] * lines)
@@ -195,7 +195,7 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
     radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
     theta = centre.theta + TUNING.reach * radius * noise @ root.T @ target.prior.region.plane.basis.T
     coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
-    hot = InTurn([HitAndRun(target, directions, TUNING.hot), NoiseScales(target)])
+    hot = MoveSequence([HitAndRun(target, directions, TUNING.hot), NoiseScales(target)])
     for _ in range(TUNING.hot_sweeps):
         coordinates = hot.update(coordinates, random)
     return coordinates

@@ -21,7 +21,7 @@ from bayesid.arrays import Array, Integers, seed_of
 from bayesid.errors import InputError
 from bayesid.parallel import in_parallel, one_at_a_time
 from bayesid.posterior.feasible_set import Centre
-from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, spread_walkers
+from bayesid.posterior.moves import Conditional, HitAndRun, MoveSequence, NoiseScales, spread_walkers
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Steps, no_steps
@@ -311,7 +311,7 @@ class _Clock:
         self.timed_out = self.timed_out or self.seconds > self._limit
 
 
-def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) -> tuple[InTurn, list[_Walkers]]:
+def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) -> tuple[MoveSequence, list[_Walkers]]:
     """Moves, and the walkers after the warm-up; halfway the lines are chosen again for the walkers' noise scales."""
     centre = target.centre(theta, np.zeros(target.likelihood.n_joints))
     first = sampling.ensembles // 2
@@ -328,9 +328,9 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
     return moves, in_parallel([partial(_move, moves, half, remaining) for half in halves])
 
 
-def _moves(target: Target, centre: Centre) -> InTurn:
+def _moves(target: Target, centre: Centre) -> MoveSequence:
     lines = Conditional.of(target.prior.region, centre.covariance)
-    return InTurn([HitAndRun(target, lines), NoiseScales(target)])
+    return MoveSequence([HitAndRun(target, lines), NoiseScales(target)])
 
 
 def _spread(target: Target, centre: Centre, walkers: int, random: RandomState) -> _Walkers:
@@ -338,14 +338,14 @@ def _spread(target: Target, centre: Centre, walkers: int, random: RandomState) -
     return _Walkers(spread_walkers(target, centre, lines, walkers, random), random)
 
 
-def _move(moves: InTurn, walkers: _Walkers, sweeps: int) -> _Walkers:
+def _move(moves: MoveSequence, walkers: _Walkers, sweeps: int) -> _Walkers:
     coordinates = walkers.coordinates
     for _ in range(sweeps):
         coordinates = moves.update(coordinates, walkers.random)
     return _Walkers(coordinates, walkers.random)
 
 
-def _draw(target: Target, moves: InTurn, walkers: _Walkers, sweeps: int) -> _Stretch:
+def _draw(target: Target, moves: MoveSequence, walkers: _Walkers, sweeps: int) -> _Stretch:
     import emcee  # imported on demand: takes a third of a second
 
     sampler = emcee.EnsembleSampler(

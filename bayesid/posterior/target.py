@@ -13,10 +13,9 @@ independent, :eq:`prior`::
   tr(Sigma) <= R^2 m, and the mass of all bodies together.
 - A body's ten parameters are centred on a typical link, with sd M for the mass, M R for first moments, M R^2 for
   inertias, for M and R of `LinkPrior`. Stated values and their sd replace these.
-- A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero. Its sd is the size at which
-it
-  alone would explain the effort of its joints. If only an earlier log shows it, that log's effort counts; otherwise the
-  sd is 1.
+- A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero. Its sd is the size that
+  alone explains the effort of its joints. If only an earlier log shows it, that log's effort counts; otherwise the sd
+  is 1.
 """
 
 from __future__ import annotations
@@ -43,9 +42,9 @@ from bayesid.regression.solver import ConeLeastSquares
 from bayesid.regression.stated import contradiction_of
 from bayesid.robot import Robot
 
-_SHOWS = 1e-9
+_ROUNDING_IN_JOINT = 1e-9
 """Share of a parameter's curvature in a joint below which it is rounding."""
-_VISIBLE = 1e-12
+_ROUNDING_OF_CURVATURE = 1e-12
 """Share of the largest curvature below which the log does not show a parameter."""
 
 
@@ -176,13 +175,13 @@ def _sizes(likelihood: Likelihood, information: InformationMatrix | None) -> Arr
     """(P,) size at which each parameter alone would explain the effort of the joints that show it."""
     by_joint = np.einsum("rp,jrs,sp->jp", likelihood.projection, likelihood.hessian, likelihood.projection)
     curvature = by_joint.sum(axis=0)
-    energy = likelihood.energy @ (by_joint > _SHOWS * curvature)
-    visible = curvature > _VISIBLE * curvature.max(initial=TINY)
+    energy = likelihood.energy @ (by_joint > _ROUNDING_IN_JOINT * curvature)
+    visible = curvature > _ROUNDING_OF_CURVATURE * curvature.max(initial=TINY)
     sizes = np.sqrt(np.where(visible, energy, 1.0) / np.where(visible, curvature, 1.0))
     if information is None:
         return sizes
     earlier = np.einsum("rp,rs,sp->p", likelihood.projection, information.hessian, likelihood.projection)
-    earlier_only = ~visible & (earlier > _VISIBLE * earlier.max(initial=TINY))
+    earlier_only = ~visible & (earlier > _ROUNDING_OF_CURVATURE * earlier.max(initial=TINY))
     sizes[earlier_only] = np.sqrt(np.maximum(information.energy / earlier[earlier_only], 1.0))
     return sizes
 

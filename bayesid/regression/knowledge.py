@@ -20,7 +20,7 @@ from bayesid.files.bounded import LARGEST, read_source
 from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import from_pseudo_inertia
 
-_NOTHING = 1e-12
+_ROUNDING_OF_DIAGONAL = 1e-12
 """Share of the largest diagonal entry below which an entry is rounding."""
 
 
@@ -103,7 +103,9 @@ def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> A
     across, more = np.linalg.pinv(turn), np.linalg.svd(turn)[2][len(turn) :].T
     scale = scale_of(more.T @ precision @ more)
     kept, mixed = across.T @ precision @ across, across.T @ precision @ more / scale
-    inner = np.linalg.pinv(more.T @ precision @ more / scale[:, None] / scale, rcond=_NOTHING, hermitian=True)
+    inner = np.linalg.pinv(
+        more.T @ precision @ more / scale[:, None] / scale, rcond=_ROUNDING_OF_DIAGONAL, hermitian=True
+    )
     reduced: Array = kept - mixed @ inner @ mixed.T
     return 0.5 * (reduced + reduced.T)
 
@@ -111,7 +113,7 @@ def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> A
 def scale_of(precision: Array) -> Array:
     """(r,) square roots of the diagonal, with a floor for entries that are rounding."""
     diagonal = np.abs(np.diag(precision))
-    scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
+    scale: Array = np.sqrt(np.maximum(diagonal, _ROUNDING_OF_DIAGONAL * float(diagonal.max()))) + np.finfo(float).tiny
     return scale
 
 

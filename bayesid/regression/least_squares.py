@@ -25,11 +25,11 @@ from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import MARGIN, Solution, solve_precisely
 from bayesid.regression.tuning import TUNING
 
-_BLIND = 1e-10
+_SIMULATION_CUTOFF = 1e-10
 """Curvature over the largest one, below which the fit to simulated noise drops a direction."""
-_SILENT = 1e-12
+_ROUNDING_OF_COLUMN = 1e-12
 """Length of a column, or curvature of unit columns, over the largest one, below which it is rounding."""
-_NONE = 1e-9
+_ROUNDING_OF_SHARE = 1e-9
 """Share of a coefficient below which a parameter's contribution is rounding."""
 
 
@@ -86,8 +86,8 @@ class Fit:
         """(P, P) covariance of the parameters, by B (r, P); NaN where a parameter is not identifiable."""
         basis, finite = self.plane.basis, np.isfinite(self.sd)
         lift = basis @ np.linalg.pinv(projection @ basis)
-        decided = np.abs(lift @ projection @ basis - basis).max(axis=1, initial=0.0) < _NONE
-        decided &= ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
+        decided = np.abs(lift @ projection @ basis - basis).max(axis=1, initial=0.0) < _ROUNDING_OF_SHARE
+        decided &= ~(np.abs(lift[:, ~finite]) > _ROUNDING_OF_COLUMN).any(axis=1)
         known = lift[:, finite]
         covariance = known @ self.covariance[np.ix_(finite, finite)] @ known.T
         np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
@@ -204,8 +204,8 @@ def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Ar
     """A function: residuals of (N, n, K) efforts after unconstrained least squares; columns (N, n, r) over sigma."""
     rows = columns.reshape(-1, columns.shape[2])
     information = rows.T @ rows + earlier
-    lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
-    inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_BLIND, hermitian=True)
+    lengths = np.sqrt(np.maximum(np.diag(information), _SIMULATION_CUTOFF * np.diag(information).max()))
+    inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_SIMULATION_CUTOFF, hermitian=True)
     inverse /= np.outer(lengths, lengths)
 
     def residuals(effort: Array) -> Array:
@@ -253,10 +253,10 @@ def covariance_of(information: Array, plane: Plane | None = None) -> tuple[Array
         covariance[unexcited, unexcited] = np.inf
         return covariance, condition
     lengths = np.sqrt(np.diag(information))
-    silent = lengths <= _SILENT * lengths.max()
+    silent = lengths <= _ROUNDING_OF_COLUMN * lengths.max()
     scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.diag(silent.astype(float)))
-    blind = values < _SILENT * values.max()
+    blind = values < _ROUNDING_OF_COLUMN * values.max()
     inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
     covariance = scale[:, None] * inverse * scale
     unexcited = silent | (np.abs(vectors[:, blind]) > TUNING.not_excited).any(axis=1)

@@ -270,9 +270,9 @@ class Tuning:
     # Discrepancy of a log from a model; measured on the blind cases of `bayesid study discrepancy`
     above_floor: float = 1.25
     """Residual over the noise floor above which a joint is unexplained."""
-    above_blunt_floor: float = 1.6
+    above_unreliable_floor: float = 1.6
     """The same over an incomplete floor, which lacks slow noise; lower values report real friction as unexplained."""
-    at_blunt_floor: float = 1.15
+    at_unreliable_floor: float = 1.15
     """Residual over an incomplete floor below which only standard effects are searched."""
     improvement_of_rest: float = 0.1
     """Least relative fall of a joint's mean squared residual, in addition to `Thresholds.improvement`."""

@@ -36,7 +36,7 @@ HOLDOUT = "the holdout"
 
 def above_the_floor(discrepancy: Discrepancy) -> str:
     """Words for a noise floor that may contain a model's error, which hides smaller effects."""
-    return " above the noise floor" if discrepancy.floor.lasting.any() else ""
+    return " above the noise floor" if discrepancy.floor.mostly_coloured.any() else ""
 
 
 def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
@@ -174,7 +174,7 @@ def _unexplained(discrepancy: Discrepancy, joint: int) -> Check:
 def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
     """Joints whose noise floor is mostly correlated: a model's error, or filtered noise."""
     floor, by_origin = discrepancy.floor, dict[str, list[int]]()
-    for j in np.flatnonzero(floor.lasting).tolist():
+    for j in np.flatnonzero(floor.mostly_coloured).tolist():
         by_origin.setdefault(floor.origin[j], []).append(j + 1)
     for origin, joints in by_origin.items():
         error = f"the {_MODELS[origin]} error, or filtered noise"
@@ -307,7 +307,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
                     discrepancy, "before", "after", "holdout", noise_floor=floor.rms, noise_floor_white=floor.white
                 ),
                 "noise_floor_from": floor.origin,
-                "noise_floor_lasting": np.flatnonzero(floor.lasting) + 1,
+                "noise_floor_lasting": np.flatnonzero(floor.mostly_coloured) + 1,
             },
             "unexplained": [
                 {"joint": joint, "ratio_to_floor": ratio, "seen_on": discrepancy.unexplained_on[joint]}

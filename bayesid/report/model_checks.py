@@ -143,11 +143,11 @@ def geometry_error(summary: Summary, times: float) -> str:
 def whiteness(findings: ReportData) -> Check:
     """Whether the effective samples suffice."""
     noise, count = findings.summary.noise, len(findings.coefficients.mean)
-    lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
-    joint, effective = int(lasting.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
+    coloured = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
+    joint, effective = int(coloured.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
     limits = float(IDENTIFICATION.samples_per_coefficient * count), float(count)
     message = (
-        f"up to {percent(lasting.max(), 0)} of the residual variance is correlated in time (joint {joint + 1}): "
+        f"up to {percent(coloured.max(), 0)} of the residual variance is correlated in time (joint {joint + 1}): "
         f"{effective:,.0f} effective samples for {count} coefficients (good: from {limits[0]:,.0f}); "
         f"the intervals account for it; {_largest_mean(findings)}"
     )

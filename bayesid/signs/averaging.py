@@ -1,9 +1,12 @@
-"""Bayesian averaging of two models, and lower confidences if no model explains the log.
+"""Bayesian averaging of two models, and limits on confidences if no model explains the log.
 
 A model without friction explains |effort| of a friction-dominated joint best with wrong signs: friction that only
 changes its sign is a constant after the rectifier. No noise estimate shows that, but a second model does. So if a model
 lacks a standard effect (`bayesid.effects.STANDARD`) and its residual is correlated, the signs are searched with these
 effects too. Both models are averaged with their weights (Bayesian model averaging).
+
+If the model error is large (`model_error_probabilities`), all signs of a joint may be wrong. This limits the confidence
+of each of its signs.
 """
 
 from __future__ import annotations
@@ -142,17 +145,19 @@ def model_error_probabilities(sign_solution: SignSolution) -> Array:
     proven = sign_solution.signs.search.certified
     if not np.any(error > (TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven)):
         return np.zeros(len(error))
-    return np.where(signals.signed, 0.0, doubt_of(error, other_side(sign_solution, effort), proven=proven))
+    return np.where(
+        signals.signed, 0.0, arbitrary_sign_probability(error, error_if_flipped(sign_solution, effort), proven=proven)
+    )
 
 
-def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
+def arbitrary_sign_probability(error: Array, error_if_flipped: Array, *, proven: bool) -> Array:
     """(n,) probability that signs are arbitrary (:eq:`model_error_probability`), from relative errors (n,)."""
     tolerated, shared = (
         TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven,
         TUNING.shared_error * error.max(),
     )
-    suspected = np.maximum(error, np.minimum(shared, 2.0 * shared - other_side))
-    model_error_probability: Array = 0.5 * np.clip((suspected - tolerated) / TUNING.error_of_a_guess, 0.0, 1.0)
+    assumed_error = np.maximum(error, np.minimum(shared, 2.0 * shared - error_if_flipped))
+    model_error_probability: Array = 0.5 * np.clip((assumed_error - tolerated) / TUNING.error_of_a_guess, 0.0, 1.0)
     return model_error_probability
 
 
@@ -173,7 +178,7 @@ def tempered_by_outliers(sign_solution: SignSolution, probability: Array) -> Arr
     return np.where(signals.signed, probability, np.clip(probability, 1.0 - most, most))
 
 
-def other_side(sign_solution: SignSolution, effort: Array) -> Array:
+def error_if_flipped(sign_solution: SignSolution, effort: Array) -> Array:
     """(n,) additional model error needed if all of a joint's signs were flipped, relative to effort (n,).
 
     For the set of flipped joints that needs the smallest error, in the joint where it is largest.

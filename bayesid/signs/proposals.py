@@ -34,8 +34,8 @@ from bayesid.signs.tuning import TUNING
 class _Rows:
     columns: Array  # (M, m) of the model, then those of the effect
     magnitude: Array  # (M,) |effort|, N m; as read where the sensor hides it
-    shown: Mask  # (M,) whether the sensor shows it
-    known: Array  # (M,) effort of the current model, N m
+    visible: Mask  # (M,) whether the sensor shows it
+    modelled: Array  # (M,) effort of the current model, N m
     place: Integers  # (M,) index among the log's thinned rows
     segment: Integers  # (M,) segment of the last search; -1 if it was not fitted
 
@@ -94,8 +94,8 @@ class PoorJoint:
         return _Rows(
             columns=self.log.data.columns[used, self.joint],
             magnitude=self.log.modelled.magnitude[:, self.joint][used],
-            shown=np.ones(int(used.sum()), dtype=bool),
-            known=self.log.fit.predicted[self.log.rows, self.joint][used],
+            visible=np.ones(int(used.sum()), dtype=bool),
+            modelled=self.log.fit.predicted[self.log.rows, self.joint][used],
             place=np.flatnonzero(used),
             segment=self.segment[used, self.joint],
         )
@@ -116,18 +116,18 @@ class PoorJoint:
         log_data = self.log.log_data
         model = log_data.model.extend(effect.source)
         columns = model.columns(self.log.modelled.motion)[used, self.joint]
-        magnitude, shown = (x[used, self.joint] for x in model.invert_sensor(self.log.modelled.magnitude))
-        magnitude = np.where(shown, magnitude, plain.magnitude)
-        return replace(plain, columns=columns[:, log_data.coefficients.selected], magnitude=magnitude, shown=shown)
+        magnitude, visible = (x[used, self.joint] for x in model.invert_sensor(self.log.modelled.magnitude))
+        magnitude = np.where(visible, magnitude, plain.magnitude)
+        return replace(plain, columns=columns[:, log_data.coefficients.selected], magnitude=magnitude, visible=visible)
 
     def residual_of(self, rows: _Rows, signs: Array, predicted: Array, sensor: SensorDistortion | None) -> _Residual:
         """Residual of signs and predictions (M,), N m; where a sensor hides the effort, the reading is compared."""
         residual = signs * rows.magnitude - predicted
-        if sensor is not None and not np.all(rows.shown):
+        if sensor is not None and not np.all(rows.visible):
             effort = np.zeros(self.log.data.used.shape)
             effort[rows.place, self.joint] = predicted
             read = np.abs(sensor.measured(effort)[rows.place, self.joint])
-            residual = np.where(rows.shown, residual, rows.magnitude - read)
+            residual = np.where(rows.visible, residual, rows.magnitude - read)
         return _Residual(rows, signs, residual)
 
     def effective(self, fit: _Residual) -> float:
@@ -173,25 +173,25 @@ def _best_form(poor: PoorJoint, without: _Residual, group: Sequence[Hypothesis])
 
 def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = None) -> _Residual:
     """The fit of least residual to a joint: coefficients and signs in turn, from the best of four starts."""
-    r, shown = len(poor.gradient), rows.shown
-    columns, magnitude = rows.columns[shown] / poor.weight, rows.magnitude[shown] / poor.weight
-    fit = InTurn(columns, magnitude, poor.hessian, poor.gradient)
-    by_others = rows.columns[shown, :r] @ (inverse_of(poor.hessian) @ poor.gradient)
-    known, segment = rows.known[shown], rows.segment[shown]
-    starts = [np.where(start >= 0.0, 1.0, -1.0) for start in (known, -known, by_others)]
+    r, visible = len(poor.gradient), rows.visible
+    columns, magnitude = rows.columns[visible] / poor.weight, rows.magnitude[visible] / poor.weight
+    fit = AlternatingFit(columns, magnitude, poor.hessian, poor.gradient)
+    by_others = rows.columns[visible, :r] @ (inverse_of(poor.hessian) @ poor.gradient)
+    modelled, segment = rows.modelled[visible], rows.segment[visible]
+    starts = [np.where(start >= 0.0, 1.0, -1.0) for start in (modelled, -modelled, by_others)]
     best = None
     for start in (*starts, fit.flipped(starts[0], segment, segment >= 0)):
         found, _, beta = fit.from_signs(start)
         predicted = rows.columns @ beta
         signs = np.where(predicted >= 0.0, 1.0, -1.0)
-        signs[shown] = found
+        signs[visible] = found
         residual = poor.residual_of(rows, signs, predicted, sensor)
         best = residual if best is None or residual.rms < best.rms else best
     assert best is not None  # there are starts
     return best
 
 
-class InTurn:
+class AlternatingFit:
     """Unbounded coefficients and signs, fitted in turn.
 
     Args:
@@ -207,12 +207,12 @@ class InTurn:
         whole[:r, :r] += hessian
         self._inverse, self._others = inverse_of(whole), np.zeros(m)
         self._others[:r] = gradient
-        self._columns, self._turning = columns, columns * magnitude[:, None]
+        self._columns, self._gradients = columns, columns * magnitude[:, None]
 
     def from_signs(self, signs: Array, fixed: Mask | None = None) -> tuple[Array, Array, Array]:
         """(M,) signs, (M,) predictions and (m,) coefficients, from signs (M,) of which some are fixed (M,)."""
         for _ in range(TUNING.proposal_rounds):
-            beta = self._inverse @ (self._others + signs @ self._turning)
+            beta = self._inverse @ (self._others + signs @ self._gradients)
             predicted = self._columns @ beta
             nearest = np.where(predicted >= 0.0, 1.0, -1.0)
             nearest = nearest if fixed is None else np.where(fixed, signs, nearest)
@@ -233,25 +233,25 @@ class InTurn:
             doubted: (M,) whether the row's segment starts with random signs; the others start with theirs.
         """
         names, place = np.unique(segment, return_inverse=True)
-        turning = np.zeros((len(names), len(self._others)))
-        np.add.at(turning, place, signs[:, None] * self._turning)
-        fixed, turning = turning[names < 0].sum(axis=0), turning[names >= 0]
-        if not len(turning):
+        gradients = np.zeros((len(names), len(self._others)))
+        np.add.at(gradients, place, signs[:, None] * self._gradients)
+        fixed, gradients = gradients[names < 0].sum(axis=0), gradients[names >= 0]
+        if not len(gradients):
             return signs
-        quadratic = turning @ self._inverse @ turning.T
-        linear, diagonal = turning @ (self._inverse @ (self._others + fixed)), np.diag(quadratic)
+        quadratic = gradients @ self._inverse @ gradients.T
+        linear, diagonal = gradients @ (self._inverse @ (self._others + fixed)), np.diag(quadratic)
         random = np.isin(names[names >= 0], segment[doubted])
-        flipped = np.random.default_rng(0).choice([-1.0, 1.0], size=(TUNING.sign_starts, len(turning)))
+        flipped = np.random.default_rng(0).choice([-1.0, 1.0], size=(TUNING.sign_starts, len(gradients)))
         flipped[:, ~random], flipped[0] = 1.0, 1.0
-        pull, going = flipped @ quadratic + linear, np.arange(len(flipped))
+        slope, going = flipped @ quadratic + linear, np.arange(len(flipped))
         while len(going):
-            gain = diagonal - flipped[going] * pull[going]
+            gain = diagonal - flipped[going] * slope[going]
             best = np.argmax(gain, axis=1)
             improves = gain[np.arange(len(going)), best] > TUNING.least_flip_gain
             going, best = going[improves], best[improves]
             flipped[going, best] *= -1.0
-            pull[going] += 2.0 * flipped[going, best][:, None] * quadratic[best]
-        least = flipped[np.argmax(np.sum(flipped * (pull + linear), axis=1))]
+            slope[going] += 2.0 * flipped[going, best][:, None] * quadratic[best]
+        least = flipped[np.argmax(np.sum(flipped * (slope + linear), axis=1))]
         of_names = np.ones(len(names))
         of_names[names >= 0] = least
         return signs * of_names[place]
@@ -400,7 +400,7 @@ class PoorRobot:
         start = np.where(np.where(signals.signed, signals.raw_effort[self.log.rows], predicted) >= 0.0, 1.0, -1.0)
         signs = np.zeros(used.shape)
         known = np.broadcast_to(signals.signed, used.shape)[used]
-        signs[used], _, beta = self._in_turn(form).from_signs(start[used], known)
+        signs[used], _, beta = self._alternating_fit(form).from_signs(start[used], known)
         return _SignFit(signs, self._rms(signs, form.columns @ beta), beta)
 
     def _segments_flipped(self, form: _Form, fit: _SignFit) -> Array:
@@ -409,13 +409,13 @@ class PoorRobot:
         segment = np.where(signals.signed, -1, _segment_of(self.log, self.segments))
         doubted = np.broadcast_to(self.poor, used.shape)
         signs = fit.signs.copy()
-        signs[used] = self._in_turn(form).flipped(signs[used], segment[used], doubted[used])
+        signs[used] = self._alternating_fit(form).flipped(signs[used], segment[used], doubted[used])
         return signs
 
-    def _in_turn(self, form: _Form) -> InTurn:
+    def _alternating_fit(self, form: _Form) -> AlternatingFit:
         used, weight, r = self.log.data.used, _noise_of(self.log)[0], form.columns.shape[2]
         rows, magnitude = (form.columns / weight[:, None])[used], (self.log.modelled.magnitude / weight)[used]
-        return InTurn(rows, magnitude, np.zeros((r, r)), np.zeros(r))
+        return AlternatingFit(rows, magnitude, np.zeros((r, r)), np.zeros(r))
 
     def _rms(self, signs: Array, predicted: Array) -> Array:
         used = self.log.data.used

@@ -23,7 +23,7 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.noise import residual_noise
 from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.signs.search.certified import candidate
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 from bayesid.signs.search.protocol import Assignment, Search, SearchResult, SignProblem, Way, with_flipped
 from bayesid.signs.tuning import TUNING
 
@@ -122,7 +122,7 @@ class SignSearch:
         problem = replace(self, likely=(2.0 * probability - 1.0,))._problem(
             fitted, self._normal_equations(fitted).scaled(searched.weights), [result]
         )
-        best = Problem(problem.normal_equations, problem.solver(), np.inf).price(problem.starts[0])
+        best = SearchProblem(problem.normal_equations, problem.solver(), np.inf).price(problem.starts[0])
         lower = None if result.lower_bound is None else 0.0
         ways = (*result.ways, Way("direction of motion", best.cost))
         return replace(searched, search=result.with_best(best, lower_bound=lower, tikhonov=None, ways=ways))
@@ -190,20 +190,20 @@ def noise_sensitivity(problem: SignProblem, result: SearchResult, steps: Steps =
 
     The problem is that of the search, with normal equations scaled by other weights.
     """
-    inner = Problem(problem.normal_equations, problem.solver(), np.inf)
-    known, far = problem.normal_equations.known, max(result.optimality_gap, TUNING.near)
+    inner = SearchProblem(problem.normal_equations, problem.solver(), np.inf)
+    known, margin = problem.normal_equations.known, max(result.optimality_gap, TUNING.near)
     best = inner.price(result.signs)
     listed = [branch.signs for branch in result.branches[1 : 1 + TUNING.most_repriced]]
-    around = [
+    one_joint_flipped = [
         with_flipped(problem.normal_equations, best.signs, j)
         for j in np.unique(problem.normal_equations.joint[known == 0])
     ]
 
     def priced(roughly: Assignment) -> Assignment:
         """The precise cost, if the rough one is low enough."""
-        return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + far else roughly
+        return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + margin else roughly
 
-    def persistent(start: Callable[[], Assignment]) -> list[Assignment]:
+    def with_optimum(start: Callable[[], Assignment]) -> list[Assignment]:
         """A start, and the local optimum from it."""
         first = start()
         return [first, priced(inner.local_optimum(known, first.theta))]
@@ -212,15 +212,15 @@ def noise_sensitivity(problem: SignProblem, result: SearchResult, steps: Steps =
         return priced(inner.complete(signs, best.theta))
 
     starts: list[Callable[[], Assignment]] = [] if result.persistent is None else [partial(candidate, inner)]
-    starts += [lambda: best, *(partial(near_to, signs) for signs in (*listed, *around))]
-    ways = [partial(persistent, start) for start in starts]
-    everything = [branch for found in in_parallel(ways, steps) for branch in found]
-    limit = min(branch.cost for branch in [best, *everything]) + result.optimality_gap
-    alike = [branch.signs == best.signs for branch in everything if branch.cost <= limit]
+    starts += [lambda: best, *(partial(near_to, signs) for signs in (*listed, *one_joint_flipped))]
+    tasks = [partial(with_optimum, start) for start in starts]
+    assignments = [branch for found in in_parallel(tasks, steps) for branch in found]
+    limit = min(branch.cost for branch in [best, *assignments]) + result.optimality_gap
+    alike = [branch.signs == best.signs for branch in assignments if branch.cost <= limit]
     unknown = np.flatnonzero(known == 0)
     agreed: Mask = np.all([np.ones(len(known), dtype=bool), *alike], axis=0)
     agreed[unknown] &= best.lower_bound + inner.single_flips(best, unknown) > limit
-    distinct = {branch.signs.tobytes(): branch for branch in [*everything, best]}.values()
+    distinct = {branch.signs.tobytes(): branch for branch in [*assignments, best]}.values()
     least = min(distinct, key=lambda branch: branch.cost)
     near = tuple(branch for branch in distinct if branch.cost <= best.cost + TUNING.near)
     return NoiseSensitivity(least, near, least.cost < best.cost - inner.exact, agreed)

@@ -85,7 +85,7 @@ def test_a_holdout_above_the_floor_or_growing_is_never_no_discrepancy(tmp_path, 
         assert ratio == pytest.approx(result.after[joint - 1] / result.floor.rms[joint - 1])
         assert result.after[joint - 1] > 1.25 * truth.floor[joint - 1]
     off = result.floor.rms > 1.3 * truth.noise  # of which the earlier model's error is the larger part
-    assert not off[~result.floor.lasting].any()
+    assert not off[~result.floor.mostly_coloured].any()
     seen_on = [(one["joint"], tuple(one["seen_on"])) for one in discrepancy_summary(result)["unexplained"]]
     assert seen_on == list(result.unexplained_on.items())
 
@@ -94,8 +94,8 @@ def test_a_gap_that_grows_below_the_floor_is_explained():
     """Joints 1 and 2 grow alike from 0.5 to 0.7 N m; only the floor of joint 2 is lower."""
     counts = np.full((4, 2), 100.0)
     before, after = (CrossValidation(counts * level**2, counts) for level in (0.5, 0.7))
-    rms, sharp = np.array([1.2, 0.6]), np.zeros(2, dtype=bool)
-    floor = NoiseFloor(rms, ("", ""), np.stack([rms, rms], axis=1), sharp, rms, sharp)
+    rms, reliable = np.array([1.2, 0.6]), np.zeros(2, dtype=bool)
+    floor = NoiseFloor(rms, ("", ""), np.stack([rms, rms], axis=1), reliable, rms, reliable)
     ratios, shown_on = _unexplained({}, before, after, floor)
     assert shown_on == {2: (GROWN,)}
     assert ratios == ((2, pytest.approx(0.7 / 0.6)),)

@@ -86,7 +86,7 @@ def test_floor_of_repeated_periods_is_the_sd_between_them(noise, periods, sample
     bad = np.random.default_rng(1).standard_normal(trial.used.shape) * 50.0
     floor = noise_floor(trial, bad, noise_of((40.0, 40.0), (40.0, 40.0)))
     assert floor.origin == ("repeated periods",) * 2
-    assert floor.sharp.all()
+    assert floor.reliable.all()
     as_one = 1.0 + 20.0 * (noise.coloured[0] > 0.01)
     pairs = (len(trial.used) - 400) / as_one / (1.5 if periods > 2 else 1.0)
     np.testing.assert_allclose(floor.rms, noise.sigma, rtol=4.5 / np.sqrt(2.0 * pairs))
@@ -116,7 +116,7 @@ def test_floor_is_the_earlier_noise_where_the_earlier_model_was_good():
     earlier = noise_of((0.3, 0.6 * size[1]), (0.5, 0.6 * size[1]))
     floor = noise_floor(trial, error, earlier)
     assert floor.origin == ("earlier model's residual", "fast part of the residual")
-    assert floor.sharp.tolist() == [True, False]
+    assert floor.reliable.tolist() == [True, False]
     assert floor.rms[0] == pytest.approx(np.hypot(0.3, 0.5), rel=0.05)
     assert floor.rms[1] == pytest.approx(2.0, rel=0.05)
     refit = noise_floor(trial, error, earlier, np.array([5.0, 3.3]))
@@ -155,13 +155,13 @@ def test_a_mostly_coloured_floor_is_a_models_residual():
     size = rms(other_trial(noise_of((0.3, 2.0), (0.1, 0.1)))[0].signals.raw_effort)
     trial, error = other_trial(noise_of((0.3, 2.0), (0.28, 1.0)))
     floor = noise_floor(trial, error, noise_of((0.3, 2.0), (0.28, 1.0)))
-    assert floor.lasting.tolist() == [True, False]
+    assert floor.mostly_coloured.tolist() == [True, False]
     np.testing.assert_allclose(floor.white, [0.3, 2.0], rtol=0.05)
     poor = noise_of(size, size)
-    assert not noise_floor(trial, error, poor).lasting.any()
-    assert noise_floor(trial, error, poor, np.array([0.3, 9.0])).lasting.tolist() == [False, True]
+    assert not noise_floor(trial, error, poor).mostly_coloured.any()
+    assert noise_floor(trial, error, poor, np.array([0.3, 9.0])).mostly_coloured.tolist() == [False, True]
     trial, error = periodic_trial(noise_of((0.3, 2.0), (0.6, 4.0)))
-    assert not noise_floor(trial, error, noise_of((0.3, 2.0), (0.6, 4.0))).lasting.any()
+    assert not noise_floor(trial, error, noise_of((0.3, 2.0), (0.6, 4.0))).mostly_coloured.any()
 
 
 @pytest.mark.parametrize("factor", [1.3, 3.0])

@@ -263,7 +263,7 @@ def test_a_misread_log_is_named_before_its_signs_are_searched(how, rectified):
 
 
 @pytest.mark.parametrize("rectified", [True, False])
-@pytest.mark.parametrize(("gravity", "kind"), [([0.0, 0.0, 9.81], "mounting"), ([0.0, 0.0, 0.0], "weight")])
+@pytest.mark.parametrize(("gravity", "kind"), [([0.0, 0.0, 9.81], "mounting"), ([0.0, 0.0, 0.0], "no gravity")])
 def test_a_base_upside_down_and_efforts_without_weight(gravity, kind, rectified):
     log = log_of(hung(gravity), 0.02)
     found = before(log.rectified() if rectified else log)

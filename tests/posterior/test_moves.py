@@ -7,7 +7,7 @@ from scipy import stats
 
 from bayesid.effects.parameters import Cone
 from bayesid.posterior.feasible_set import FeasibleSet
-from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
+from bayesid.posterior.moves import Conditional, HitAndRun, MoveSequence, NoiseScales
 from bayesid.robot.inertia import from_pseudo_inertia
 
 
@@ -32,7 +32,7 @@ def test_information_does_not_depend_on_the_noise_scale(rng):
 
 
 def moves_of(target, size):
-    return InTurn([HitAndRun(target, Rotated(np.eye(size))), NoiseScales(target)])
+    return MoveSequence([HitAndRun(target, Rotated(np.eye(size))), NoiseScales(target)])
 
 
 def assert_matches(draws, mean, sd):

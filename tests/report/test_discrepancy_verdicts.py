@@ -193,13 +193,13 @@ def test_without_missing_effects_the_worst_joint_is_reported():
 
 def test_a_floor_that_is_a_models_error_needs_attention():
     rms = np.array([0.29, 0.30, 0.31])
-    floor = floor_of(rms, "earlier model's residual", lasting=[0, 2], white=0.5)
+    floor = floor_of(rms, "earlier model's residual", mostly_coloured=[0, 2], white=0.5)
     result = make(status="no_discrepancy", **NOTHING, floor=floor)
     (check,) = discrepancy_checks(result)
     assert check.state == "look"
     assert holds(check.message, "joints 1 and 3", "earlier model's error")
     assert holds(line(result, "Missing"), "above the noise floor")
-    refit = floor_of(rms, "refit with standard effects", lasting=[1], white=0.5)
+    refit = floor_of(rms, "refit with standard effects", mostly_coloured=[1], white=0.5)
     (check,) = discrepancy_checks(replace(result, floor=refit))
     assert holds(check.message, "joint 2", "refitted model")
 

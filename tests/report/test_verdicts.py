@@ -83,7 +83,7 @@ def pushed(joint, share):
     return replace(GOOD, samples=replace(samples, residual=residual))
 
 
-def lasting(share, effective):
+def coloured(share, effective):
     """Of joint 2's variance of the residual, and so many samples of each joint that are left then."""
     sd = np.array(GOOD.summary.noise.sd)
     coloured = tuple(sd * np.sqrt((0.0, share)))
@@ -186,9 +186,9 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", asked(GOOD, FAR_OFF), "3.1 mm or 0.31 degrees|assumed: 1.0 mm|a, b, c, d, e, f and g"),
     ],
     "Whiteness of the residual": [
-        ("good", lasting(0.8, 12.0), "80 %|joint 2|24 effective|8 coefficients"),  # intervals allow for it
-        ("look", lasting(0.8, 11.0), "22 effective"),
-        ("bad", lasting(0.8, 3.0), "6 effective"),
+        ("good", coloured(0.8, 12.0), "80 %|joint 2|24 effective|8 coefficients"),  # intervals allow for it
+        ("look", coloured(0.8, 11.0), "22 effective"),
+        ("bad", coloured(0.8, 3.0), "6 effective"),
         ("good", pushed(joint=1, share=0.5), "joint 2, 50 % of its RMS effort"),
     ],
     "Data or prior": [

@@ -15,7 +15,7 @@ from bayesid.effects import STANDARD
 from bayesid.identification import pipeline
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.noise import times_of
-from bayesid.signs.averaging import doubt_of, richer_model, rises_by_joint, weight_against
+from bayesid.signs.averaging import arbitrary_sign_probability, richer_model, rises_by_joint, weight_against
 from bayesid.signs.search.certified import Certified
 
 identify = partial(pipeline.identify, complete="off")
@@ -142,7 +142,7 @@ def coloured_errors(seed, moving):
 
 
 def test_a_joint_is_doubted_for_its_own_error_and_for_the_worst_one_unless_its_other_side_needs_more():
-    for error, other_side, proven, expected in (
+    for error, error_if_flipped, proven, expected in (
         ([0.1, 0.29], [0.0, 0.0], True, [0.0, 0.0]),
         ([0.02, 0.09], [0.0, 0.0], False, [0.0, 0.0]),
         ([0.2, 0.24], [9.0, 9.0], False, [0.1, 0.14]),
@@ -153,7 +153,7 @@ def test_a_joint_is_doubted_for_its_own_error_and_for_the_worst_one_unless_its_o
         ([0.1, 3.0], [0.2, 9.0], True, [0.7, 0.7]),
         ([0.1, 3.0], [3.5, 9.0], True, [0.0, 0.7]),
     ):
-        found = doubt_of(np.array(error), np.array(other_side), proven=proven)
+        found = arbitrary_sign_probability(np.array(error), np.array(error_if_flipped), proven=proven)
         np.testing.assert_allclose(found, 0.5 * np.array(expected) / 0.7, atol=1e-12)
 
 

@@ -5,7 +5,7 @@ import pytest
 from sign_problems import synthetic
 
 from bayesid.signs.search.bounds import UnconstrainedBound
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 from bayesid.signs.tuning import Tuning
 
 
@@ -14,7 +14,7 @@ class Flipped:
 
     def __init__(self, problem, rank=0, fixed=(), tolerance=None):
         self.problem, self.fixed = problem, np.array(fixed, dtype=np.int64)
-        self.view = Problem(problem.normal_equations, problem.solver(tolerance or 1e-6), np.inf)
+        self.view = SearchProblem(problem.normal_equations, problem.solver(tolerance or 1e-6), np.inf)
         self.signs = problem.assignments[np.argsort(problem.costs)[rank]]
         if tolerance is None:
             self.branch = self.view.price(self.signs)
@@ -29,7 +29,7 @@ class Flipped:
 
     def limited(self, **limits):
         """The same flips, with less work done on them."""
-        view = Problem(self.problem.normal_equations, self.problem.solver(), np.inf, tuning=Tuning(**limits))
+        view = SearchProblem(self.problem.normal_equations, self.problem.solver(), np.inf, tuning=Tuning(**limits))
         return view.flips(self.branch, self.free)
 
     def least(self, *chosen):

@@ -6,7 +6,7 @@ from scipy.special import logsumexp
 from sign_problems import arm, moments_of, strong, synthetic
 
 from bayesid.signs.search.combinations import TooManyError, combinations, least_costs
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 from bayesid.signs.tuning import Tuning
 
 
@@ -15,7 +15,7 @@ class Combined:
 
     def __init__(self, problem, within, solver=None, **limits):
         self.problem = problem
-        self.view = Problem(problem.normal_equations, solver or problem.solver(), np.inf, tuning=Tuning(**limits))
+        self.view = SearchProblem(problem.normal_equations, solver or problem.solver(), np.inf, tuning=Tuning(**limits))
         self.limit = problem.least + within
         self.found = combinations(self.view, self.limit, least_costs(self.view))
         self.decided = np.concatenate([np.flatnonzero(problem.normal_equations.known), self.found.patterns.segments])

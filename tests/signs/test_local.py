@@ -5,13 +5,13 @@ import pytest
 from sign_problems import ROUNDING, arm, synthetic
 
 from bayesid.signs.search.local import local_search
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 
 ROBOT = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia")
 
 
 def search(problem, signs, failures=60):
-    inner = Problem(problem.normal_equations, problem.solver(), np.inf)
+    inner = SearchProblem(problem.normal_equations, problem.solver(), np.inf)
     return inner, local_search(inner, [inner.local_optimum_from(signs)], failures)
 
 

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from sign_problems import ROUNDING, synthetic
 
 from bayesid.signs.search.patterns import join, log_sum
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 
 ALL = 10**9
 
@@ -23,7 +23,7 @@ def never(_):
 def prepared(seed, **options):
     """A sign problem and the search's view of it."""
     problem = synthetic(seed, **options)
-    return problem, Problem(problem.normal_equations, problem.solver(), np.inf)
+    return problem, SearchProblem(problem.normal_equations, problem.solver(), np.inf)
 
 
 def everything(bound):
@@ -138,7 +138,7 @@ def two_joints(seed, depth=3, **options):
     problem = synthetic(seed, **options)
     joint = np.arange(len(problem.normal_equations)) % 2
     problem = replace(problem, normal_equations=replace(problem.normal_equations, joint=joint))
-    view = Problem(problem.normal_equations, problem.solver(), np.inf)
+    view = SearchProblem(problem.normal_equations, problem.solver(), np.inf)
     left, right = view.blocks
     hessian = left.hessian(depth) + right.hessian(depth)
     energy = left.energy(depth) + right.energy(depth)

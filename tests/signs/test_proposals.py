@@ -11,7 +11,7 @@ from bayesid.effects.catalogue import make_effect
 from bayesid.log.segments import Segmentation, find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.selection.detected import SignedLog
-from bayesid.signs.proposals import InTurn, PoorJoint, propose
+from bayesid.signs.proposals import AlternatingFit, PoorJoint, propose
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.sign_solution import find_signs
 
@@ -65,13 +65,13 @@ def test_a_distortion_acts_on_columns_and_readings_as_in_a_model(log, segments, 
     rows = poor.rows_under(replace(like, source=effect))
     model, log_data, used = BASE.extend(effect), log.log_data, log.data.used[:, 1]
     magnitude, readable = model.invert_sensor(log_data.signals.magnitude[log.rows])
-    shown = readable[used, 1]
+    visible = readable[used, 1]
     columns = model.columns(log_data.signals.motion[log.rows])[:, 1, log_data.coefficients.selected]
     np.testing.assert_array_equal(rows.columns, columns[used])
-    np.testing.assert_array_equal(rows.shown, shown)
-    np.testing.assert_array_equal(rows.magnitude[shown], magnitude[used, 1][shown])
+    np.testing.assert_array_equal(rows.visible, visible)
+    np.testing.assert_array_equal(rows.magnitude[visible], magnitude[used, 1][visible])
     plain = poor.rows()
-    changed = (rows.columns != plain.columns).any() or (rows.magnitude != plain.magnitude).any() or not shown.all()
+    changed = (rows.columns != plain.columns).any() or (rows.magnitude != plain.magnitude).any() or not visible.all()
     assert changed
 
 
@@ -81,7 +81,7 @@ def test_hidden_efforts_are_compared_with_the_reading(searched):
     wide = make_effect("dead_zone", {"joints": [2], "width": [float(np.median(log.modelled.magnitude[:, 1]))]})
     like = next(group[0] for group in log.library(1) if group[0].joints == (2,))
     poor = PoorJoint.of(log, segments, 1)
-    assert not poor.rows_under(replace(like, source=wide)).shown.all()
+    assert not poor.rows_under(replace(like, source=wide)).visible.all()
     assert propose(poor, [[replace(like, source=wide)]]) == []
 
 
@@ -92,16 +92,16 @@ def test_flips_of_whole_segments_reach_the_optimum():
     columns = rng.normal(size=(60, 3)) + np.repeat(rng.normal(size=(10, 3)), 6, axis=0)
     effort = columns @ truth + 0.3 * rng.normal(size=60)
     magnitude = np.abs(effort)
-    in_turn = InTurn(columns, magnitude, np.eye(3), np.array([0.2, -0.1, 0.0]))
+    alternating_fit = AlternatingFit(columns, magnitude, np.eye(3), np.array([0.2, -0.1, 0.0]))
 
     def cost(signs):
         whole, target = np.eye(3) + columns.T @ columns, np.array([0.2, -0.1, 0.0]) + columns.T @ (signs * magnitude)
         return -target @ np.linalg.solve(whole, target)
 
     every = [np.array(signs)[segment] for signs in itertools.product([-1.0, 1.0], repeat=10)]
-    found = in_turn.flipped(np.ones(60), segment, segment >= 0)
+    found = alternating_fit.flipped(np.ones(60), segment, segment >= 0)
     assert cost(found) == pytest.approx(min(map(cost, every)), rel=1e-9)
-    held = in_turn.flipped(np.ones(60), np.where(segment < 2, -1, segment), segment >= 2)
+    held = alternating_fit.flipped(np.ones(60), np.where(segment < 2, -1, segment), segment >= 2)
     least = min(cost(signs) for signs in every if np.all(signs[segment < 2] == 1.0))
     assert cost(held) == pytest.approx(least, rel=1e-9)
     assert np.all(held[segment < 2] == 1.0)

@@ -9,7 +9,7 @@ from sign_problems import synthetic
 
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.patterns import Patterns
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 from bayesid.signs.search.tree import consequences, persistent, prove
 
 
@@ -21,7 +21,7 @@ class Proven:
 
     def __init__(self, problem, decided, within, all_given=False):
         m = problem.normal_equations
-        self.problem, self.view = problem, Problem(m, problem.solver(), np.inf)
+        self.problem, self.view = problem, SearchProblem(m, problem.solver(), np.inf)
         self.decided = np.setdiff1d(np.asarray(decided, dtype=np.int64), np.flatnonzero(m.known))
         self.listed = np.concatenate([np.flatnonzero(m.known), self.decided])
         self.limit = problem.least + within
@@ -137,7 +137,7 @@ class Followed:
         signs = problem.assignments[np.argsort(problem.costs)[rank]]
         self.given = m.known.copy()
         self.given[decided] = signs[decided]
-        self.found = consequences(Problem(m, problem.solver(), np.inf), self.given, self.limit)
+        self.found = consequences(SearchProblem(m, problem.solver(), np.inf), self.given, self.limit)
         self.rounding = problem.precision
         agrees = np.all((problem.assignments == self.given) | (self.given == 0), axis=1)
         self.completions, self.costs = problem.assignments[agrees], problem.costs[agrees]

@@ -5,7 +5,7 @@ import pytest
 from posterior_problems import Rotated, quadrature, samples_of, simulate, target_in, whole_space
 from scipy import stats
 
-from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
+from bayesid.posterior.moves import Conditional, HitAndRun, MoveSequence, NoiseScales
 from bayesid.posterior.target import Target
 from bayesid.studies import sbc
 from bayesid.studies.sbc import LAST, Calibration, draw_prior, setting
@@ -98,7 +98,7 @@ def test_noise_far_from_its_reference_does_not_hold_the_walkers(rng):
     """Walkers start at the reference; a proposal without the prior was accepted there once in 300 sweeps."""
     scale, make = 1.7, target_in(whole_space(2), np.zeros(2), log_scale_sd=0.5)
     target = simulate(make, np.array([1.0, -1.0]), np.full(2, scale), rng, rows=240, segments=12, known=1.0)
-    moves = InTurn([HitAndRun(target, Rotated(np.eye(2))), NoiseScales(target)])
+    moves = MoveSequence([HitAndRun(target, Rotated(np.eye(2))), NoiseScales(target)])
     drawn = samples_of(moves, np.zeros((400, 4)), 1, np.random.RandomState(0), burn=15)[0]
     centre = drawn.mean(axis=0)
     axes = [np.linspace(c - 6 * s, c + 6 * s, 25) for c, s in zip(centre, drawn.std(axis=0), strict=True)]

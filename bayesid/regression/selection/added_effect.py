@@ -199,7 +199,7 @@ def preexisting(without: FittedEffects, library: Library) -> frozenset[EffectKey
     most in the joint where it is largest. `without` is the fit by the model alone.
     """
     data = without.data
-    most = np.where(data.sharp, TUNING.above_floor, TUNING.above_blunt_floor)
+    most = np.where(data.reliable, TUNING.above_floor, TUNING.above_unreliable_floor)
     above = without.mean_square > most**2
     return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
 

@@ -193,7 +193,7 @@ class SignedLog:
         data = modelled.observed(
             np.where(signals.signed, signals.raw_effort, (2.0 * probability - 1.0) * signals.magnitude)[rows],
             floor=floor.sigma,
-            sharp=np.ones(len(floor.sigma), dtype=bool),
+            reliable=np.ones(len(floor.sigma), dtype=bool),
             limits=np.stack([floor.white, floor.coloured], axis=1),
         )
         return cls(log_data, fit, rows, modelled, data)

@@ -57,7 +57,7 @@ class Observations:
     effort: Array  #: (N, n) with their expected signs, zero where not used, N m
     information: InformationMatrix  #: of the r coefficients, from earlier logs
     floor: Array  #: (n,) RMS of the noise, N m
-    sharp: Mask  #: (n,) whether the floor is complete (see `bayesid.discrepancy.case.NoiseFloor`)
+    reliable: Mask  #: (n,) whether the floor is complete (see `bayesid.discrepancy.case.NoiseFloor`)
     limits: Array  #: (n, 2) largest white and coloured part of an error that is noise, N m
     rate: float  #: Hz
     thresholds: Thresholds = Thresholds()  #: that decide
@@ -82,7 +82,7 @@ class Observations:
             whitening=Whitening(self.columns[:, index], self.used[:, index]),
             effort=self.effort[:, index],
             floor=self.floor[index],
-            sharp=self.sharp[index],
+            reliable=self.reliable[index],
             limits=self.limits[index],
             reference=None,
         )

@@ -68,7 +68,7 @@ class ModelledLog:
         return Whitening(self.columns * self.used[:, :, None], self.used)
 
     def observed(
-        self, effort: Array, *, floor: Array, sharp: Mask, limits: Array, thresholds: Thresholds = Thresholds()
+        self, effort: Array, *, floor: Array, reliable: Mask, limits: Array, thresholds: Thresholds = Thresholds()
     ) -> Observations:
         """The log with efforts (N, n) in their expected signs, N m; other arguments as in `Observations`."""
         return Observations(
@@ -76,7 +76,7 @@ class ModelledLog:
             effort=effort * self.used,
             information=self.information,
             floor=floor,
-            sharp=sharp,
+            reliable=reliable,
             limits=limits,
             rate=self.rate,
             thresholds=thresholds,

@@ -41,7 +41,7 @@ class Score:
     gain: float  #: log of the Bayes factor for adding it, averaged over its forms
     expected_gain: float  #: expected log of the Bayes factor at a usual amplitude
     spread: float = 0.0  #: change of the gain by averaging over its forms
-    #: fall of a joint's mean squared residual, in units of the noise floor's or, if larger, of a part of the residual;
+    #: fall of a joint's mean squared residual, over that of its floor (or over a part of its residual, if larger);
     #: nan if the error models were not refitted
     improvement: float = np.nan
     #: (n,) mean squared residual with it, in units of the floor's; None if the error models were not refitted
@@ -171,8 +171,8 @@ def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
     """
     ordered: list[Score] = []
     for score in scores:
-        place, blunt = len(ordered), not all(data.sharp[j] for j in score.hypothesis.columns.joints)
-        advances = blunt and score.hypothesis.standard and score.qualifies(data.thresholds)
+        place, unreliable = len(ordered), not all(data.reliable[j] for j in score.hypothesis.columns.joints)
+        advances = unreliable and score.hypothesis.standard and score.qualifies(data.thresholds)
         while place and advances and _little_better(ordered[place - 1], score, data):
             place -= 1
         ordered.insert(place, score)
@@ -186,15 +186,15 @@ def _little_better(other: Score, standard: Score, data: Observations) -> bool:
     numbers, least = (len(s.hypothesis.columns.sd) + len(s.hypothesis.source.fitted) for s in (other, standard))
     if numbers <= least or other.mean_square is None or standard.mean_square is None:
         return False
-    if at_blunt_floor(data, standard.mean_square)[list(standard.hypothesis.columns.joints)].all():
+    if at_unreliable_floor(data, standard.mean_square)[list(standard.hypothesis.columns.joints)].all():
         return True
     improvement = _improvement(standard.mean_square, other.mean_square, data.thresholds)
     return bool(np.max(improvement) < data.thresholds.improvement)
 
 
-def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
+def at_unreliable_floor(data: Observations, mean_square: Array) -> Mask:
     """(n,) whether a joint's mean squared residual, in units of the floor's, reaches an incomplete floor."""
-    return ~data.sharp & (mean_square <= TUNING.at_blunt_floor**2)
+    return ~data.reliable & (mean_square <= TUNING.at_unreliable_floor**2)
 
 
 def joint_sets(

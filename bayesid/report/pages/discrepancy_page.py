@@ -94,8 +94,8 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
     shown_on = {ON_LOG: "on the log", HELD_BACK: f"on {data}", GROWN: f"gap grew on {data}"}
     rows = []
     for j, joint in enumerate(range(1, len(before) + 1)):
-        lasts = "; mostly correlated: model error or filtered noise" if floor.lasting[j] else ""
-        origin = f"{floor.origin[j]}{'' if floor.sharp[j] else ' (a lower bound)'}{lasts}"
+        lasts = "; mostly correlated: model error or filtered noise" if floor.mostly_coloured[j] else ""
+        origin = f"{floor.origin[j]}{'' if floor.reliable[j] else ' (a lower bound)'}{lasts}"
         remark = html.NONE
         if joint in unexplained:
             which = ", ".join(shown_on[kind] for kind in discrepancy.unexplained_on.get(joint, ()))

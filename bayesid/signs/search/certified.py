@@ -32,7 +32,7 @@ from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
-from bayesid.signs.search.problem import OutOfTimeError, Problem
+from bayesid.signs.search.problem import OutOfTimeError, SearchProblem
 from bayesid.signs.search.protocol import Assignment, Search, SearchResult, SignProblem, Way, check_limits
 from bayesid.signs.search.tree import Proof, persistent, prove
 from bayesid.signs.tuning import TUNING, Tuning
@@ -155,7 +155,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and tuning
     """
     began = time.perf_counter()
     steps(0, 100)
-    problem = Problem(normal_equations, solver, budget, time_limit, tuning, steps)
+    problem = SearchProblem(normal_equations, solver, budget, time_limit, tuning, steps)
     best, lower_bound, proof = _first(problem, start, signs), 0.0, None
     ways = [Way("earlier signs" if signs else "candidates", best.cost, problem.budget.spent)]
     try:
@@ -181,7 +181,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and tuning
     )
 
 
-def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> Assignment:
+def _first(problem: SearchProblem, start: Array | None, signs: Sequence[Integers]) -> Assignment:
     """First assignment of a proof: that of an earlier search; without one, or a budget, the best candidate.
 
     Likely signs replace the candidates.
@@ -196,7 +196,9 @@ def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> 
     return min(starts, key=lambda branch: branch.cost)
 
 
-def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
+def _result(
+    problem: SearchProblem, best: Assignment, lower_bound: float, proof: Proof | None, missed: float
+) -> SearchResult:
     if proof is not None and proof.branches:
         best = min([proof.branches[0], best], key=lambda branch: branch.cost)
     result = SearchResult(
@@ -235,7 +237,7 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
     )
 
 
-def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]) -> bool:
+def _data_agree(problem: SearchProblem, best: Assignment, others: Sequence[Assignment]) -> bool:
     """Whether the best assignment also has the least data cost, the cost without the Tikhonov term.
 
     Only assignments whose Tikhonov term could change the order are checked. If the cost depends on the weight w of that
@@ -268,7 +270,7 @@ def _listed(proof: Proof, cost: float, missed: float) -> tuple[int, float, float
     return kept, min(proven, max(least, proof.branches[kept - 1].cost - cost)), log_missed
 
 
-def candidate(problem: Problem) -> Assignment:
+def candidate(problem: SearchProblem) -> Assignment:
     """The best combination of each joint's best patterns, without a proof."""
     tuning = problem.tuning
 
@@ -295,7 +297,7 @@ def candidate(problem: Problem) -> Assignment:
     return _flipped(problem, problem.price(problem.local_optimum(problem.normal_equations.known, best.theta).signs))
 
 
-def _flipped(problem: Problem, branch: Assignment) -> Assignment:
+def _flipped(problem: SearchProblem, branch: Assignment) -> Assignment:
     """The assignment with single segments flipped where that lowers the cost, most promising first."""
     known = problem.normal_equations.known
     unknown = np.flatnonzero(known == 0)
@@ -314,7 +316,7 @@ def _flipped(problem: Problem, branch: Assignment) -> Assignment:
     return branch
 
 
-def _prove_enough(problem: Problem, best: Assignment, least: Array, log_missed: float) -> Proof:
+def _prove_enough(problem: SearchProblem, best: Assignment, least: Array, log_missed: float) -> Proof:
     """A proof whose Delta is raised until the missed mass is allowed, or the budget ends."""
     optimality_gap = -2.0 * log_missed + problem.tuning.allowance
     while True:

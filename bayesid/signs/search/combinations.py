@@ -14,7 +14,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.patterns import LOG2, Block, Keep, Patterns, Remainder, join, log_sum, stack
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 
 
 class TooManyError(Exception):
@@ -34,7 +34,7 @@ class Combinations:
         return len(self.lower)
 
 
-def least_costs(problem: Problem) -> Array:
+def least_costs(problem: SearchProblem) -> Array:
     """(blocks,) lower bounds of the joints' own costs, from as many segments as a list can decide.
 
     Raises:
@@ -45,7 +45,7 @@ def least_costs(problem: Problem) -> Array:
     return np.array([_least_cost(problem, block.first(end)) + tail for block, end, tail in pairs])
 
 
-def _ends(problem: Problem, share: float) -> list[int]:
+def _ends(problem: SearchProblem, share: float) -> list[int]:
     """Number of segments of each block in its least cost; in a long log the others are a separate block."""
     most = problem.tuning.least_group
     lengths = [len(block.segments) for block in problem.blocks]
@@ -53,7 +53,7 @@ def _ends(problem: Problem, share: float) -> list[int]:
     return [length if length <= most else end for length, end in zip(lengths, strong, strict=True)]
 
 
-def _tails(problem: Problem, ends: list[int]) -> list[float]:
+def _tails(problem: SearchProblem, ends: list[int]) -> list[float]:
     """Lower bounds of the cost of the remaining segments, with half of rho of the undecided rows."""
     if not problem.tails:
         tikhonov = 0.5 * problem.tuning.undecided_tikhonov / max(1, len(problem.blocks)) * problem.tikhonov
@@ -62,14 +62,14 @@ def _tails(problem: Problem, ends: list[int]) -> list[float]:
     return problem.tails
 
 
-def _least_cost(problem: Problem, block: Block) -> float:
+def _least_cost(problem: SearchProblem, block: Block) -> float:
     problem.check(0)
     tuning = problem.tuning
     work = tuning.least_width, tuning.least_list, problem.check, problem.rounding
     return sum(group.least(*work) for group in block.groups(tuning.least_group))
 
 
-def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
+def combinations(problem: SearchProblem, limit: float, least: Array) -> Combinations:
     """All combinations that may cost up to `limit`, of as many segments as possible (:eq:`joint-bound`).
 
     Raises:
@@ -97,7 +97,7 @@ def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
 class _Level:
     """The segments of all joints above a share of their strongest segment's energy."""
 
-    problem: Problem  # the problem
+    problem: SearchProblem  # the problem
     limit: float  # of the cost
     lists: list[Patterns]  # each block's patterns
     least: Array  # (blocks,) lower bounds of the joints' own costs
@@ -109,7 +109,7 @@ class _Level:
         return sum(len(patterns.segments) for patterns in self.lists)
 
     @classmethod
-    def make(cls, problem: Problem, limit: float, least: Array, share: float, finest: int = 0) -> _Level:
+    def make(cls, problem: SearchProblem, limit: float, least: Array, share: float, finest: int = 0) -> _Level:
         """The lists of one level.
 
         A choice excluded here counts once for each completion among the `finest` segments, so the limit is higher.
@@ -216,7 +216,7 @@ def _shortest_first(lists: list[Patterns]) -> list[int]:
 
 
 def combine(
-    problem: Problem,
+    problem: SearchProblem,
     lists: list[Patterns],
     choose: Callable[[list[int]], tuple[Keep, float]],
     order: list[int] | None = None,

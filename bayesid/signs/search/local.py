@@ -23,7 +23,7 @@ import numpy as np
 
 from bayesid.arrays import Integers
 from bayesid.progress import Steps, no_steps
-from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.problem import SearchProblem
 from bayesid.signs.search.protocol import (
     Assignment,
     SearchResult,
@@ -46,7 +46,7 @@ class LocalOptima(NamedTuple):
 
 
 def local_search(
-    problem: Problem, optima: Iterable[Assignment], failures: int, seed: int = 0, steps: Steps = no_steps
+    problem: SearchProblem, optima: Iterable[Assignment], failures: int, seed: int = 0, steps: Steps = no_steps
 ) -> LocalOptima:
     """Local optima around the best of the given ones, at least one.
 
@@ -70,7 +70,7 @@ def local_search(
     return LocalOptima(tuple(sorted(met.values(), key=lambda branch: branch.cost)), failed, tried)
 
 
-def _starts(problem: Problem, best: Assignment, rng: np.random.Generator) -> Iterator[Integers]:
+def _starts(problem: SearchProblem, best: Assignment, rng: np.random.Generator) -> Iterator[Integers]:
     """(S,) signs: the best assignment with joints flipped, then predictions of drawn parameters; never ends."""
     normal_equations = problem.normal_equations
     joints = np.unique(normal_equations.joint[normal_equations.known == 0]).tolist()
@@ -92,7 +92,7 @@ def searched_locally(
 
     Proofs are those of the first result. The search ends after `failures` starts without improvement, or `time_limit`.
     """
-    began, inner = time.perf_counter(), Problem(problem.normal_equations, problem.solver(), np.inf, time_limit)
+    began, inner = time.perf_counter(), SearchProblem(problem.normal_equations, problem.solver(), np.inf, time_limit)
     known, first = problem.normal_equations.known, results[0]
     thetas = [
         [result.theta, *(branch.theta for branch in result.branches[: TUNING.local_starts])] for result in results

@@ -22,7 +22,7 @@ class OutOfTimeError(Exception):
     """The budget has ended."""
 
 
-class Problem:
+class SearchProblem:
     """Normal equations, one block for each joint, and prepared bounds; counts the work.
 
     The Tikhonov term (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`tikhonov-share`). The first
@@ -109,10 +109,10 @@ class Problem:
         """
         signs = self._completed(decided, theta)
         for _ in range(self.tuning.alternations):
-            branch = self._known(signs)
-            after = self._completed(decided, branch.theta)
+            assignment = self._known(signs)
+            after = self._completed(decided, assignment.theta)
             if np.array_equal(after, signs):
-                return branch
+                return assignment
             signs = after
         return self._known(signs)
 
@@ -123,7 +123,9 @@ class Problem:
     def _known(self, signs: Integers) -> Assignment:
         key = _key(signs)
         if key not in self._solved:
-            self._solved[key] = self._branch(signs, self.solve(self._prepared, signs @ self.normal_equations.gradient))
+            self._solved[key] = self._assignment(
+                signs, self.solve(self._prepared, signs @ self.normal_equations.gradient)
+            )
         return self._solved[key]
 
     def price(self, signs: Integers) -> Assignment:
@@ -131,39 +133,39 @@ class Problem:
         key = _key(signs)
         if key not in self._priced:
             solution = self._prepared.solve_precisely(signs @ self.normal_equations.gradient)
-            self._priced[key] = self._solved[key] = self._branch(signs, self._counted(solution))
+            self._priced[key] = self._solved[key] = self._assignment(signs, self._counted(solution))
         return self._priced[key]
 
-    def tikhonov_of(self, branch: Assignment) -> float:
+    def tikhonov_of(self, assignment: Assignment) -> float:
         """The Tikhonov term in the cost of an assignment."""
-        return self.solver.regularisation(branch.theta)
+        return self.solver.regularisation(assignment.theta)
 
-    def data_cost(self, branch: Assignment) -> tuple[float, float]:
+    def data_cost(self, assignment: Assignment) -> tuple[float, float]:
         """Lower bound and value of an assignment's data cost, with a negligible Tikhonov term."""
         lighter = self.solver.lighter(self.tuning.lighter_tikhonov)
         solution = self._counted(
-            lighter.prepared(self._hessian).solve_precisely(branch.signs @ self.normal_equations.gradient)
+            lighter.prepared(self._hessian).solve_precisely(assignment.signs @ self.normal_equations.gradient)
         )
         value = self.energy + solution.cost - lighter.regularisation(solution.theta)
         return min(self.energy + solution.lower_bound, value), value
 
-    def flips(self, branch: Assignment, free: Integers) -> Flips:
+    def flips(self, assignment: Assignment, free: Integers) -> Flips:
         """Bounds of the cost of flipping free segments of an assignment."""
         self.budget.count(pairs=len(free) ** 2)
-        return self._flips(branch, free)
+        return self._flips(assignment, free)
 
-    def single_flips(self, branch: Assignment, free: Integers) -> Array:
+    def single_flips(self, assignment: Assignment, free: Integers) -> Array:
         """(free,) lower bounds of the change if one free segment is flipped."""
-        return self._flips(branch, free).alone
+        return self._flips(assignment, free).alone
 
-    def _flips(self, branch: Assignment, free: Integers) -> Flips:
-        beta, gap = self.solver.project(branch.theta), branch.cost - branch.lower_bound
-        return Flips(self.normal_equations, self.unconstrained, branch.signs, beta, gap, free, self.tuning)
+    def _flips(self, assignment: Assignment, free: Integers) -> Flips:
+        beta, gap = self.solver.project(assignment.theta), assignment.cost - assignment.lower_bound
+        return Flips(self.normal_equations, self.unconstrained, assignment.signs, beta, gap, free, self.tuning)
 
     def _completed(self, decided: Integers, theta: Array) -> Integers:
         return predicted_signs(self.normal_equations, self.solver.project(theta), decided)
 
-    def _branch(self, signs: Integers, solution: Solution) -> Assignment:
+    def _assignment(self, signs: Integers, solution: Solution) -> Assignment:
         return Assignment(signs, solution.theta, self.energy + solution.cost, self.energy + solution.lower_bound)
 
     def _counted(self, solution: Solution) -> Solution:

@@ -32,7 +32,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.patterns import log_sum
-from bayesid.signs.search.problem import OutOfTimeError, Problem
+from bayesid.signs.search.problem import OutOfTimeError, SearchProblem
 from bayesid.signs.search.protocol import Assignment
 
 
@@ -52,7 +52,7 @@ class Consequences:
         return np.flatnonzero(self.signs == 0)
 
 
-def consequences(problem: Problem, decided: Integers, limit: float) -> Consequences:
+def consequences(problem: SearchProblem, decided: Integers, limit: float) -> Consequences:
     """Consequences of decided signs (S,), 0 if undecided, for assignments with a cost up to `limit`."""
     excluded = []
     while True:
@@ -66,7 +66,7 @@ def consequences(problem: Problem, decided: Integers, limit: float) -> Consequen
             return replace(found, excluded=np.concatenate(excluded))
 
 
-def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
+def _once(problem: SearchProblem, decided: Integers, limit: float) -> Consequences:
     normal_equations, rows, signs = problem.normal_equations, np.flatnonzero(decided), decided.copy()
     decided, gains, excluded = decided.copy(), np.full(len(decided), np.inf), [np.empty(0)]
     known, bound = _Rows(problem), 0.0
@@ -92,7 +92,7 @@ def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
 
 
 class _Rows:
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: SearchProblem) -> None:
         self._problem, self._normal_equations = problem, problem.normal_equations
         self._hessian, self._gradient, self._energy = 0.5 * problem.tikhonov, np.zeros(len(problem.tikhonov)), 0.0
         self.add(np.empty(0, dtype=np.int64), problem.normal_equations.known)
@@ -168,7 +168,7 @@ class _Leaf:
         )
 
 
-def prove(problem: Problem, combinations: Combinations, limit: float, theta: Array) -> Proof:
+def prove(problem: SearchProblem, combinations: Combinations, limit: float, theta: Array) -> Proof:
     """The proof, given that all assignments outside of the combinations cost more than `limit`.
 
     A combination's undecided segments start from the local optimum of alternating signs and parameters, from theta
@@ -219,7 +219,7 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
     )
 
 
-def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, weak: Integers) -> list[_Node]:
+def _raised(problem: SearchProblem, others: list[_Node], node: _Node, leaf: _Leaf, weak: Integers) -> list[_Node]:
     """Other nodes with bounds raised to those that a node's leaf proves; unchanged with many weak segments.
 
     Weak segments are not decided by the joints' lists; any of them may differ between two nodes.
@@ -231,7 +231,7 @@ def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, wea
     return [replace(other, bound=max(other.bound, float(bound))) for other, bound in zip(others, bounds, strict=True)]
 
 
-def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) -> _Leaf:
+def _grow(problem: SearchProblem, node: _Node, further: Consequences, limit: float) -> _Leaf:
     """Decides segments of a node until no flip lowers its cost; raises OutOfTimeError at the end of the budget."""
     branch = problem.complete(further.signs, node.theta)
     bound = branch.lower_bound + problem.flips(branch, further.free).best[0]
@@ -279,7 +279,7 @@ def _closed(branch: Assignment, flips: Flips, further: Consequences, limit: floa
     return _Leaf(branch, least, alternatives, (further.decided != 0) | sure, [], flipped[sure])
 
 
-def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float) -> Mask:
+def persistent(problem: SearchProblem, branch: Assignment, decided: Mask, limit: float) -> Mask:
     """(S,) segments of a proof's branch that are decided, or whose flip costs more than the limit.
 
     Each persistent segment tightens the bounds of the others. If no bound suffices, the strongest segment is flipped
@@ -302,13 +302,13 @@ def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float
         certain[k] = _flipped(problem, branch, np.where(certain, branch.signs, 0), int(k)) > limit
 
 
-def _flipped(problem: Problem, branch: Assignment, decided: Integers, k: int) -> float:
+def _flipped(problem: SearchProblem, branch: Assignment, decided: Integers, k: int) -> float:
     decided[k] = -branch.signs[k]
     flipped = problem.local_optimum(decided, branch.theta)
     return flipped.lower_bound + problem.flips(flipped, np.flatnonzero(decided == 0)).best[0]
 
 
-def _improved(problem: Problem, branch: Assignment, flips: Flips) -> tuple[Assignment, bool]:
+def _improved(problem: SearchProblem, branch: Assignment, flips: Flips) -> tuple[Assignment, bool]:
     signs = branch.signs.copy()
     signs[flips.best[1]] *= -1
     flipped = problem.price(signs)

@@ -46,10 +46,10 @@ def test_error_of_the_table_is_new_where_it_shows_above_the_floor(above, old):
     assert preexisting(without, of_library()) == ({("joint_zero", (2,))} if old else set())
 
 
-def test_a_blunt_floor_must_be_exceeded_by_more():
+def test_an_unreliable_floor_must_be_exceeded_by_more():
     residual = np.random.default_rng(2).standard_normal((N, 2)) * SD * [1.45, 1.0]
-    for sharp, old in ((True, False), (False, True)):
-        log = replace(data(residual), sharp=np.full(2, sharp))
+    for reliable, old in ((True, False), (False, True)):
+        log = replace(data(residual), reliable=np.full(2, reliable))
         without = explain(log, ())
         assert bool(preexisting(without, of_library())) == old
 
@@ -71,8 +71,8 @@ USUAL = Thresholds()
 
 
 def test_a_joint_is_explained_by_the_threshold_of_its_floor():
-    sharp, ones = np.array([True, False]), np.ones(2)
-    floor = NoiseFloor(np.array([1.0, 2.0]), ("", ""), np.ones((2, 2)), sharp, ones, np.zeros(2, dtype=bool))
+    reliable, ones = np.array([True, False]), np.ones(2)
+    floor = NoiseFloor(np.array([1.0, 2.0]), ("", ""), np.ones((2, 2)), reliable, ones, np.zeros(2, dtype=bool))
     assert floor.exceeded(np.array([1.3, 3.1])).tolist() == [True, False]
     assert floor.exceeded(np.array([1.2, 3.3])).tolist() == [False, True]
 
