@@ -230,7 +230,8 @@ def kept_reading(options: argparse.Namespace, kept: dict[str, Any], given: Mappi
     """The reading options of a result's log; prints those that are used, and warns of those that are overridden."""
     applied = {name: value for name, value in kept.items() if given.get(name) is None}
     if applied and not options.quiet:
-        applied |= {"gains": str(applied["gains"])} if "gains" in applied else {}
+        if isinstance(gains := applied.get("gains"), Gains):
+            applied["gains"] = gains.value.tolist()
         note(f"read like the result's log: {shlex.join(in_words(applied))}")
     for name, value in kept.items():
         if given.get(name) is not None and not _alike(value, given[name]):

@@ -82,6 +82,7 @@ def test_later_commands_need_no_option_of_reading(odd, capfd):
         assert run(*command) == 0, command
         err = capfd.readouterr().err
         assert ("read like the result's log" in err) == (command[0] != "excite"), err
+        assert "Gains(" not in err
         assert "differs from that of the result" not in err
     assert (odd / "found" / CONFIG).read_text() == (odd / "result" / CONFIG).read_text()
     assert run("validate", "result", "other.csv", "--gains", "2,4,6") == 0
