@@ -143,7 +143,7 @@ def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tupl
     unknown = np.full(len(figures.moving), np.nan)
     agree, sure = (unknown, unknown) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
     columns = agree, sure, figures.rms, figures.threshold, figures.pushed
-    texts = _percent, _percent, _in_units, _in_units, lambda pushed: _known(pushed, f"{pushed:.2f}")
+    texts = _percent, _percent, _in_units, _in_units, _ratio
     return [
         (str(j), *(text(float(value)) for text, value in zip(texts, values, strict=True)))
         for j, values in enumerate(zip(*columns, strict=True), start=1)
@@ -290,6 +290,10 @@ def _amount(alarm: Alarm) -> str:
 
 def _percent(share: float) -> str:
     return _known(share, percent(share, 1))
+
+
+def _ratio(value: float) -> str:
+    return _known(value, f"{value:.2f}")
 
 
 def _in_units(value: float) -> str:
