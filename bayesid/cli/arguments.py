@@ -130,7 +130,7 @@ _DISCREPANCY = Command(
         "bayesid discrepancy march.csv may.csv july.csv --robot ur10e --out wear",
     ],
     [
-        *shared("result", "result folder; with --robot the earliest log"),
+        *shared("result", "result folder, or with --robot the earliest log"),
         path("logs", "log of the same robot; with --robot all later logs", nargs="*", metavar="log"),
         *shared("--robot", "without a result: name, TOML file or URDF"),
         *shared("--config", "without a result: file with options"),
@@ -162,7 +162,7 @@ _PAYLOAD = Command(
         *shared("result", "result of the robot without the payload"),
         *shared("log", "log of the same robot with the payload"),
         option("--known-mass KG[~SD]", "weighed mass; calibrates the scale of the efforts"),
-        option("--common-sd SHARE", "sd of the scale of all torques: 2%% (see --help-all)"),
+        option("--common-sd SHARE", "sd of the scale of all torques, as 2%% (see --help-all)"),
         *first_reading_of_result(),
         *shared("--strict"),
         *out("folder for payload.json"),

@@ -53,6 +53,13 @@ def test_links_and_their_anchors_lead_somewhere():
     assert wrong == []
 
 
+def test_python_files_that_pages_name_are_there():
+    files = {path.name for folder in ("bayesid", "studies", "docs", "tests") for path in (ROOT / folder).rglob("*.py")}
+    named = {name for page in PAGES for name in re.findall(r"`(?:[\w/]+/)?(\w+\.py)`", prose_of(page))}
+    assert named
+    assert named <= files
+
+
 def test_commands_and_options_that_pages_name_are_there():
     """`bayesid COMMAND --option`, in prose or in a block, is what the command line takes."""
     wrong, seen, main = [], 0, make_parser(BAYESID)

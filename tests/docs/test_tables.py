@@ -72,6 +72,18 @@ def test_tables_of_peers_are_taken_from_what_the_benchmark_prints():
     assert with_peers(page.format("| old |\n"), printed) == page.format(table)
 
 
+def test_numbers_of_real_logs_in_the_text_are_those_of_the_report():
+    report, results = REPORTS["real"], (DOCS / "results.md").read_text("utf-8")
+    pooled = re.search(r"^pooled +\d+ +([\d.]+)% +([\d.]+)$", report, re.M).groups()
+    least = re.search(r"at least ([\d.]+)% of the strong", report)[1]
+    assert re.search(
+        r"least ([\d.]+) %.*?rest: ([\d.]+) %.*?confidence ([\d.]+\d)", answers()["real"], re.S
+    ).groups() == (least, *pooled)
+    coverage = [100.0 * float(share) for share in re.search(r"^ +coverage(.*)$", report, re.M)[1].split()]
+    low, high = re.search(r"hold ([\d.]+) to ([\d.]+) %\s+of the\s+efforts", results).groups()
+    assert (float(low), float(high)) == pytest.approx((min(coverage), max(coverage)))
+
+
 @pytest.mark.parametrize("name", ["signs", "confidences"])
 def test_numbers_of_real_logs_are_those_of_the_report(name):
     """One run made both: every percentage of the table is in the report, to the digits shown."""

@@ -103,8 +103,10 @@ class CsvFile(Format):
         except (UnicodeDecodeError, csv.Error) as error:
             controls = rb"[\0-\x08\x0e-\x1f]"  # bytes that never occur in text
             if isinstance(error, UnicodeDecodeError) and not re.search(controls, path.read_bytes()):
-                remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
-                raise InputError("is text in an unknown encoding", str(path), remedy) from None
+                remedy = "save it as UTF-8; if it is Japanese: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
+                raise InputError(
+                    "has an encoding other than UTF-8, UTF-16 and Windows-1252", str(path), remedy
+                ) from None
             raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
         wide = _decode_64_bits(path, layout, selected.columns, values)
         columns = {used.name: Column(used.label, values[:, used.place], used.unit) for used in selected.columns}
