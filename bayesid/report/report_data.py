@@ -366,7 +366,7 @@ def read_report_data(folder: str | Path) -> ReportData:
     """
     place = Path(folder)
     for name, command in _WITHOUT_REPORT.items():
-        if (place / name).exists() and not (place / FILE).exists():
+        if os.path.exists(place / name) and not os.path.exists(place / FILE):
             seen = f"holds a result of `bayesid {command}`, which has no report"
             raise InputError(seen, printable(str(folder)), f"open {printable(str(place / name))}")
     for name in ("summary.json", FILE):
