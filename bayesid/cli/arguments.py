@@ -162,7 +162,7 @@ _PAYLOAD = Command(
         *shared("result", "result of the robot without the payload"),
         *shared("log", "log of the same robot with the payload"),
         option("--known-mass KG[~SD]", "weighed mass; calibrates the scale of the efforts"),
-        option("--common-sd SHARE", "sd of the scale of all torques, as 2%% (see --help-all)"),
+        option("--common-sd SHARE", "sd of the torque scale, as 2%% (see --help-all)"),
         *first_reading_of_result(),
         *shared("--strict"),
         *out("folder for payload.json"),

@@ -136,7 +136,7 @@ FAULTS = (
     ),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"fit": fit_with(sd=(0.3, 0.5, 0.1, 0.2, 0.2))}, ("5 coefficients", "4 independent samples")),
-    ({"sign_solution": unproven()}, ("not proven", "25.0 % smaller", "--search-budget")),
+    ({"sign_solution": unproven()}, ("not proven", "25.0 % lower", "--search-budget")),
     ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="tikhonov")}, ("not proven",)),
     ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="noise")}, ("noise",)),
     ({"posterior": posterior_with(posterior_conflict=0.83)}, ("83 %",)),
