@@ -119,7 +119,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         >>> known = {"posterior": False, "constraints": "known.toml"}
         >>> result = bayesid.identify(robot, log, terms, **known, progress=lambda *step: stages.append(step))
         >>> stages[:3]
-        [('prepare', 0, 1), ('prepare', 1, 1), ('check before the search', 0, 1)]
+        [('filter and segments', 0, 1), ('filter and segments', 1, 1), ('check before the search', 0, 1)]
         >>> result.model.constraints.labels
         ('total_mass', 'link.2.com_box', 'bounds.m3')
     """
