@@ -59,8 +59,8 @@ def validate_command(options: argparse.Namespace) -> None:
                 save_validation(result, folder)
         last, incomplete = [_written(folder)] * (folder is not None), []
         if (options.result / FILE).exists() and not result.seen:
-            earlier = read_report_data(options.result).prediction
             try:
+                earlier = read_report_data(options.result).prediction
                 shown = f"open {make_report(options.result, result, progress=progress)}"
                 if earlier is not None and earlier.source != result.log.source:
                     shown += f", where this log replaces {earlier.source}"
